@@ -38,22 +38,22 @@ fn completion(criterion: &mut Criterion) {
         ("paper", NetworkConfig::paper()),
     ] {
         let completer = completer(network);
-        let seen = scene(&completer, &frame.rgb).expect("an image");
+        let prepared = scene(&completer, &frame.rgb).expect("an image");
         let mut group = criterion.benchmark_group(name);
         group.sample_size(20);
         group.bench_function("scene", |bencher| {
             bencher.iter(|| scene(&completer, black_box(&frame.rgb)));
         });
         group.bench_function("fit", |bencher| {
-            bencher.iter(|| seen.complete(black_box(&points)));
+            bencher.iter(|| prepared.complete(black_box(&points)));
         });
         group.bench_function("new points", |bencher| {
-            bencher.iter(|| seen.complete(black_box(&points))?.depth());
+            bencher.iter(|| prepared.complete(black_box(&points))?.depth());
         });
         group.bench_function("everything", |bencher| {
             bencher.iter(|| {
-                let seen = scene(&completer, black_box(&frame.rgb))?;
-                lsdc_files::error::Result::Ok(seen.complete(&points)?.depth()?)
+                let prepared = scene(&completer, black_box(&frame.rgb))?;
+                lsdc_files::error::Result::Ok(prepared.complete(&points)?.depth()?)
             });
         });
     }

@@ -4,7 +4,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc_core::bilinear::InterpolationWeights;
-use lsdc_core::field::{CovarianceSolver, FieldPrior, Grid, MOST, Observations, PrecisionSolver};
+use lsdc_core::field::{CovarianceSolver, FieldPrior, Grid, MOST, PrecisionSolver};
 use lsdc_rng::Rng;
 use std::hint::black_box;
 
@@ -24,7 +24,7 @@ fn field(criterion: &mut Criterion) {
         width,
         right: &right,
         down: &down,
-        level: 1e-7,
+        diagonal_regularisation: 1e-7,
     };
     let Some(prior) = FieldPrior::new(&grid) else {
         return;
@@ -44,12 +44,6 @@ fn field(criterion: &mut Criterion) {
             .map(|&p| InterpolationWeights::pixel(p))
             .collect();
         let weights = vec![100.0; points];
-        let seen = Observations {
-            taps: &taps,
-            weights: &weights,
-            columns: &columns,
-            count,
-        };
         let mut group =
             criterion.benchmark_group(format!("field, {points} points, {count} columns"));
         group.sample_size(20);
@@ -58,7 +52,8 @@ fn field(criterion: &mut Criterion) {
         });
         if points <= MOST {
             group.bench_function("add points to that without", |bencher| {
-                bencher.iter(|| CovarianceSolver::new(black_box(&prior), &seen));
+                bencher
+                    .iter(|| CovarianceSolver::new(black_box(&prior), &taps, &weights, &columns));
             });
         }
         let Some(field) = PrecisionSolver::new(&grid, &taps, &weights) else {

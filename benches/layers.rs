@@ -15,23 +15,18 @@ const FULL: [usize; 2] = [228, 304];
 const HALF: [usize; 2] = [114, 152];
 const QUARTER: [usize; 2] = [57, 76];
 
-struct Case {
-    name: &'static str,
-    size: [usize; 2],
-    channels: usize,
-    outputs: usize,
-    taps: usize,
-    spec: ConvSpec,
-}
-
-fn cases() -> Vec<Case> {
-    let case = |name, size, channels, outputs, taps, spec| Case {
-        name,
-        size,
-        channels,
-        outputs,
-        taps,
-        spec,
+fn cases() -> Vec<(&'static str, Shape)> {
+    let case = |name, [height, width]: [usize; 2], channels, outputs, taps, spec| {
+        let shape = Shape {
+            batch: 1,
+            height,
+            width,
+            channels,
+            outputs,
+            taps,
+            spec,
+        };
+        (name, shape)
     };
     let same = ConvSpec::same;
     vec![
@@ -53,13 +48,9 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-impl Case {
-    fn products(&self) -> Throughput {
-        let [height, width] = self.size;
-        let pixels = self.spec.output(height, self.taps) * self.spec.output(width, self.taps);
-        let depth = self.taps * self.taps * self.channels;
-        Throughput::Elements((pixels * depth * self.outputs) as u64)
-    }
+/// Multiply-adds of a forward pass.
+fn products(shape: &Shape) -> Throughput {
+    Throughput::Elements((shape.out_pixels() * shape.depth() * shape.outputs) as u64)
 }
 
 fn random(count: usize) -> Vec<f32> {
@@ -70,24 +61,21 @@ fn random(count: usize) -> Vec<f32> {
 fn forward(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("layer");
     let scratch = Scratch::new();
-    for case in cases() {
-        let [height, width] = case.size;
-        let weights = random(case.outputs * case.channels * case.taps * case.taps);
-        let sizes = [case.outputs, case.channels, case.taps];
-        let layer = Layer::new(Level::here(), &weights, sizes, &[], case.spec);
-        let x = random(height * width * case.channels);
-        let rows = case.spec.output(height, case.taps);
-        let columns = case.spec.output(width, case.taps);
-        let mut output = vec![0.0; rows * columns * case.outputs];
+    for (name, shape) in cases() {
+        let weights = random(shape.outputs * shape.depth());
+        let sizes = [shape.outputs, shape.channels, shape.taps];
+        let layer = Layer::new(Level::here(), &weights, sizes, &[], shape.spec);
+        let x = random(shape.height * shape.width * shape.channels);
+        let mut output = vec![0.0; shape.out_pixels() * shape.outputs];
         let tail = Tail {
             relu: true,
             ..Tail::default()
         };
-        group.throughput(case.products());
-        group.bench_function(case.name, |bencher| {
+        group.throughput(products(&shape));
+        group.bench_function(name, |bencher| {
             bencher.iter(|| {
-                let size = [1, height, width];
-                layer.apply(black_box(&x), size, tail, &scratch, &mut output);
+                let x = black_box(&x);
+                layer.apply(x, shape.size(), tail, &scratch, &mut output);
             });
         });
     }
@@ -102,25 +90,16 @@ fn backward(criterion: &mut Criterion) {
     for part in ["inputs", "weights"] {
         let mut group = criterion.benchmark_group(format!("gradient of {part}, batch {BATCH}"));
         group.sample_size(20);
-        for case in cases() {
-            let [height, width] = case.size;
+        for (name, shape) in cases() {
             let shape = Shape {
                 batch: BATCH,
-                height,
-                width,
-                channels: case.channels,
-                outputs: case.outputs,
-                taps: case.taps,
-                spec: case.spec,
+                ..shape
             };
-            let x = random(BATCH * height * width * case.channels);
-            let weights = random(case.outputs * shape.depth());
-            let grad = random(shape.out_pixels() * case.outputs);
-            let Throughput::Elements(products) = case.products() else {
-                continue;
-            };
-            group.throughput(Throughput::Elements(BATCH as u64 * products));
-            group.bench_function(case.name, |bencher| {
+            let x = random(BATCH * shape.height * shape.width * shape.channels);
+            let weights = random(shape.outputs * shape.depth());
+            let grad = random(shape.out_pixels() * shape.outputs);
+            group.throughput(products(&shape));
+            group.bench_function(name, |bencher| {
                 bencher.iter(|| match part {
                     "inputs" => conv::input_gradient(level, &weights, &grad, &shape, &scratch),
                     _ => conv::weight_gradient(level, &x, &grad, &shape, &scratch),

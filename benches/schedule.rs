@@ -12,7 +12,7 @@ use lsdc_core::{Completer, Observations, Weights};
 use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use lsdc_eval::predict::scene;
 use lsdc_eval::sampling::Pattern;
-use lsdc_kernels::schedule::{Part, Task, record};
+use lsdc_kernels::schedule::{Segment, TaskTrace, record};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -37,34 +37,33 @@ fn main() -> Result<(), Box<dyn Error>> {
     let points = Observations::from_map(&Pattern::Exactly(points).draw(&frame, 0)?);
     let completer = Completer::new(&Weights::builtin())?;
 
-    let pools = [1, 2].map(|count| ThreadPoolBuilder::new().num_threads(count).build());
-    let [one, two] = pools;
-    let (one, two) = (one?, two?);
+    let pool = |count| ThreadPoolBuilder::new().num_threads(count).build();
+    let (one, two) = (pool(1)?, pool(2)?);
     let cost = cost_of_a_move(&two);
     println!(
         "{size}, {} points; a task that moves to another thread costs {cost:.1?}",
         points.len()
     );
     println!("ms         measured on 1, 2   predicted on {THREADS:?}");
-    let seen = scene(&completer, &frame.rgb)?;
-    let completed = seen.complete(&points)?;
+    let prepared = scene(&completer, &frame.rgb)?;
+    let completed = prepared.complete(&points)?;
     let all = || {
-        let seen = scene(&completer, black_box(&frame.rgb)).map_err(drop)?;
-        let completed = seen.complete(black_box(&points)).map_err(drop)?;
+        let prepared = scene(&completer, black_box(&frame.rgb)).map_err(drop)?;
+        let completed = prepared.complete(black_box(&points)).map_err(drop)?;
         completed.depth().map_err(drop)
     };
     report("network", cost, [&one, &two], || {
         scene(&completer, black_box(&frame.rgb))
     });
     report("fit", cost, [&one, &two], || {
-        seen.complete(black_box(&points))
+        prepared.complete(black_box(&points))
     });
     report("reading", cost, [&one, &two], || completed.depth());
     report("all", cost, [&one, &two], all);
     Ok(())
 }
 
-/// Prints what is measured and predicted of some work.
+/// Prints measured and predicted times of some work.
 fn report<R: Send>(
     name: &str,
     cost: Duration,
@@ -81,8 +80,8 @@ fn report<R: Send>(
         })
     });
     let predicted = THREADS.map(|threads| {
-        let recorded = || pools[0].install(|| record(threads, || black_box(work()))).1;
-        least((0..ROUNDS).map(|_| simulated(&recorded(), threads, cost)))
+        let trace = || pools[0].install(|| record(threads, || black_box(work()))).1;
+        least((0..ROUNDS).map(|_| simulated(&trace(), threads, cost)))
     });
     let list = |times: &[Duration]| {
         let times = times
@@ -93,7 +92,7 @@ fn report<R: Send>(
     println!("{name:10}{}   {}", list(&measured), list(&predicted));
 }
 
-/// The time that others on the machine disturbed least.
+/// The least time, which other processes disturbed least.
 fn least(times: impl Iterator<Item = Duration>) -> Duration {
     times.min().unwrap_or_default()
 }
@@ -104,7 +103,7 @@ fn median(times: impl Iterator<Item = Duration>) -> Duration {
     times[times.len() / 2]
 }
 
-/// How much later a task begins on another thread than it was offered.
+/// The delay of a task that moves to another thread.
 fn cost_of_a_move(two: &ThreadPool) -> Duration {
     const WORK: Duration = Duration::from_micros(200);
     let busy = || {
@@ -122,30 +121,36 @@ fn cost_of_a_move(two: &ThreadPool) -> Duration {
     })
 }
 
-/// A task that was begun.
+/// A task in the simulation.
 struct Job<'a> {
-    task: &'a Task,
-    /// The part that is next.
-    part: usize,
-    /// Tasks of the last part that have not ended.
-    open: usize,
+    task: &'a TaskTrace,
+    /// The index of the next segment.
+    segment: usize,
+    /// Unfinished tasks of the last segment.
+    unfinished: usize,
     parent: Option<usize>,
-    /// The thread on which it was offered, and then on which it ran last.
+    /// The thread that spawned it, later the thread that ran it last.
     thread: usize,
 }
 
-/// The time of a task on so many threads, each of which takes the newest job that is ready.
-fn simulated(task: &Task, threads: usize, cost: Duration) -> Duration {
-    let mut jobs = vec![Job {
-        task,
-        part: 0,
-        open: 0,
-        parent: None,
-        thread: 0,
-    }];
+impl<'a> Job<'a> {
+    fn new(task: &'a TaskTrace, parent: Option<usize>, thread: usize) -> Self {
+        Self {
+            task,
+            segment: 0,
+            unfinished: 0,
+            parent,
+            thread,
+        }
+    }
+}
+
+/// The time of a task on that many threads, each of which takes the newest job that is ready.
+fn simulated(task: &TaskTrace, threads: usize, cost: Duration) -> Duration {
+    let mut jobs = vec![Job::new(task, None, 0)];
     let mut ready = vec![0];
     let mut idle: Vec<usize> = (0..threads).rev().collect();
-    // When which thread ends a part of which job.
+    // The end of a segment, its thread and its job.
     let mut ends: BinaryHeap<Reverse<(Duration, usize, usize)>> = BinaryHeap::new();
     let mut now = Duration::ZERO;
     loop {
@@ -159,8 +164,8 @@ fn simulated(task: &Task, threads: usize, cost: Duration) -> Duration {
                 cost
             };
             own.thread = thread;
-            let length = match own.task.0.get(own.part) {
-                Some(Part::Serial(length)) => *length,
+            let length = match own.task.0.get(own.segment) {
+                Some(Segment::Serial(length)) => *length,
                 _ => Duration::ZERO,
             };
             ends.push(Reverse((now + moves + length, thread, job)));
@@ -170,37 +175,31 @@ fn simulated(task: &Task, threads: usize, cost: Duration) -> Duration {
         };
         now = time;
         idle.push(thread);
-        // What follows the part that ended, in this job or in those that waited for it.
+        // The next segment of this job, or of those that waited for it.
         loop {
-            jobs[job].part += 1;
-            let (task, part) = (jobs[job].task, jobs[job].part);
-            match task.0.get(part) {
-                Some(Part::Serial(_)) => {
+            jobs[job].segment += 1;
+            let (task, segment) = (jobs[job].task, jobs[job].segment);
+            match task.0.get(segment) {
+                Some(Segment::Serial(_)) => {
                     jobs[job].thread = thread;
                     ready.push(job);
                     break;
                 }
-                Some(Part::Parallel(tasks)) if !tasks.is_empty() => {
-                    jobs[job].open = tasks.len();
+                Some(Segment::Parallel(tasks)) if !tasks.is_empty() => {
+                    jobs[job].unfinished = tasks.len();
                     for task in tasks.iter().rev() {
                         ready.push(jobs.len());
-                        jobs.push(Job {
-                            task,
-                            part: 0,
-                            open: 0,
-                            parent: Some(job),
-                            thread,
-                        });
+                        jobs.push(Job::new(task, Some(job), thread));
                     }
                     break;
                 }
-                Some(Part::Parallel(_)) => {}
+                Some(Segment::Parallel(_)) => {}
                 None => {
                     let Some(parent) = jobs[job].parent else {
                         return now;
                     };
-                    jobs[parent].open -= 1;
-                    if jobs[parent].open > 0 {
+                    jobs[parent].unfinished -= 1;
+                    if jobs[parent].unfinished > 0 {
                         break;
                     }
                     job = parent;

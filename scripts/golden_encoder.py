@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes crates/core/src/network/encoder/golden.json, what `transformers` and PyTorch answer where the encoder must
-agree with them, and tests/golden/encoder.*: the same tiny network in half precision, as PyTorch saves it with the
-names of Depth Anything, and as `transformers` saves it.
+agree with them, depth_head.json beside it, the same of the depth head, and tests/golden/encoder.*: the same tiny
+network in half precision, as PyTorch saves it with the names of Depth Anything, and as `transformers` saves it.
 
 Needs torch and transformers 5 (names of layers change with it):
 
@@ -17,13 +17,15 @@ import tempfile
 from pathlib import Path
 
 import torch
-from transformers import Dinov2Config, Dinov2Model
+from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config, Dinov2Model
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "crates/core/src/network/encoder/golden.json"
 FILES = ROOT / "tests/golden"
 WIDTH, HEADS, BLOCKS, RATIO, SIDE, PATCH = 16, 2, 3, 2, 4, 14
 TAPS = [0, 2]
+# The tiny depth head: channels of its four maps, of the fused map, and of the last layers; rows and columns of patches.
+HEAD, FUSED, FINE, GRIDS = [4, 6, 8, 10], 6, 7, [(3, 5), (1, 2)]
 
 
 def sines(index: int, shape, scale: float, offset: float = 0.0) -> torch.Tensor:
@@ -89,6 +91,87 @@ def model(tensors: dict[str, torch.Tensor]) -> Dinov2Model:
     return net
 
 
+def head_weights() -> dict[str, torch.Tensor]:
+    """Of the tiny depth head, by its published names, in their order here."""
+    half = FUSED // 2
+    shapes = {}
+    for i, own in enumerate(HEAD):
+        shapes[f"projects.{i}.weight"] = (own, WIDTH, 1, 1)
+        shapes[f"projects.{i}.bias"] = (own,)
+    for i, side in ((0, 4), (1, 2), (3, 3)):
+        shapes[f"resize_layers.{i}.weight"] = (HEAD[i], HEAD[i], side, side)
+        shapes[f"resize_layers.{i}.bias"] = (HEAD[i],)
+    for i, own in enumerate(HEAD):
+        shapes[f"scratch.layer{i + 1}_rn.weight"] = (FUSED, own, 3, 3)
+    for i in range(1, 5):
+        for unit in (1, 2):
+            for conv in (1, 2):
+                name = f"scratch.refinenet{i}.resConfUnit{unit}.conv{conv}"
+                shapes |= {f"{name}.weight": (FUSED, FUSED, 3, 3), f"{name}.bias": (FUSED,)}
+        name = f"scratch.refinenet{i}.out_conv"
+        shapes |= {f"{name}.weight": (FUSED, FUSED, 1, 1), f"{name}.bias": (FUSED,)}
+    for name, shape in (("output_conv1", (half, FUSED, 3, 3)), ("output_conv2.0", (FINE, half, 3, 3)),
+                        ("output_conv2.2", (1, FINE, 1, 1))):
+        shapes |= {f"scratch.{name}.weight": shape, f"scratch.{name}.bias": shape[:1]}
+    made = {}
+    for i, (name, shape) in enumerate(shapes.items()):
+        if len(shape) > 1:
+            # Large enough for numbers to keep their size.
+            made[name] = sines(200 + i, shape, 2.0 / torch.Size(shape[1:]).numel() ** 0.5)
+        else:
+            # The last is large enough for most depths to be above 0.
+            made[name] = sines(200 + i, shape, 0.2, 2.0 if i + 1 == len(shapes) else 0.1)
+    return made
+
+
+def head_model(tensors: dict[str, torch.Tensor]) -> DepthAnythingForDepthEstimation:
+    backbone = Dinov2Config(hidden_size=WIDTH, num_attention_heads=HEADS, num_hidden_layers=4, mlp_ratio=RATIO,
+                            image_size=SIDE * PATCH, patch_size=PATCH, out_indices=[1, 2, 3, 4],
+                            reshape_hidden_states=False)
+    config = DepthAnythingConfig(backbone_config=backbone, reassemble_hidden_size=WIDTH, patch_size=PATCH,
+                                 neck_hidden_sizes=HEAD, fusion_hidden_size=FUSED, head_hidden_size=FINE)
+    net = DepthAnythingForDepthEstimation(config).eval()
+    theirs = {}
+    for name, value in tensors.items():
+        part, number, *rest = name.removeprefix("scratch.").replace("_rn", "").split(".")
+        if part == "projects":
+            to = ["neck.reassemble_stage.layers", number, "projection"]
+        elif part == "resize_layers":
+            to = ["neck.reassemble_stage.layers", number, "resize"]
+        elif part.startswith("layer"):
+            to, rest = ["neck.convs", str(int(part[-1]) - 1)], [number]
+        elif part.startswith("refinenet"):
+            # Theirs begin with the coarsest.
+            to = ["neck.fusion_stage.layers", str(4 - int(part[-1]))]
+            to.append("projection" if number == "out_conv" else f"residual_layer{number[-1]}")
+            rest = [of.replace("conv", "convolution") for of in rest]
+        elif part == "output_conv1":
+            to, rest = ["head.conv1"], [number]
+        else:
+            to = [{"0": "head.conv2", "2": "head.conv3"}[number]]
+        theirs[".".join(to + rest)] = value
+    missing, unexpected = net.load_state_dict(theirs, strict=False)
+    assert not unexpected, unexpected
+    assert all(name.startswith("backbone.") for name in missing), missing
+    return net
+
+
+def golden_head() -> list[dict]:
+    net = head_model(head_weights())
+    cases = []
+    for rows, columns in GRIDS:
+        # With the class token, which is left out.
+        taps = [torch.cat([torch.zeros(1, 1, WIDTH), sines(300 + i, (1, rows * columns, WIDTH), 1.0)], 1)
+                for i in range(4)]
+        with torch.no_grad():
+            depth = net.head(net.neck(taps, rows, columns), rows, columns)
+        values = depth.flatten().tolist()
+        share = sum(v > 0 for v in values) / len(values)
+        assert share > 0.5, share
+        cases.append({"size": [rows, columns], "values": [float(f"{v:.7g}") for v in values]})
+    return cases
+
+
 def main() -> None:
     tensors = weights()
     net = model(tensors)
@@ -110,6 +193,7 @@ def main() -> None:
         positions.append({"size": [rows, columns], "values": [float(f"{v:.9g}") for v in values]})
     plain = [[float(f"{v:.9g}") for v in tap.flatten().tolist()] for tap in taps]
     OUT.write_text(json.dumps({"taps": plain, "positions": positions}) + "\n")
+    OUT.with_name("depth_head.json").write_text(json.dumps(golden_head()) + "\n")
     theirs = {f"pretrained.{name}": value.half() for name, value in tensors.items()}
     theirs["depth_head.scratch"] = torch.ones(3)
     torch.save(theirs, FILES / "encoder.pth")

@@ -5,7 +5,6 @@ use lsdc_core::network::{AdapterConfig, NetworkConfig};
 use lsdc_eval::data::DataConfig;
 use lsdc_eval::evaluation::EvalConfig;
 use lsdc_eval::fit_settings::{FitSettings, merge};
-use lsdc_eval::renamed::renamed;
 use lsdc_files::error::{Error, Result};
 #[cfg(feature = "train")]
 use lsdc_paper::systems::SystemConfig;
@@ -72,9 +71,6 @@ pub struct Config {
     pub train: TrainConfig,
     /// Evaluation.
     pub eval: EvalConfig,
-    /// What is said of old names of settings.
-    #[serde(skip)]
-    pub remarks: Vec<String>,
 }
 
 /// Configurations that come with the program, by file name.
@@ -117,24 +113,21 @@ impl Config {
             None => toml::Table::new(),
             Some(path) => parse(&read(path)?, path)?,
         };
-        let mut remarks = renamed(&mut table);
         for setting in settings {
-            let mut assigned = assignment(setting)?;
-            remarks.extend(renamed(&mut assigned));
-            merge(&mut table, assigned);
+            merge(&mut table, assignment(setting)?);
         }
         let config: Self = table.try_into().map_err(|e: toml::de::Error| {
             Error::config(format!("--set: {}", e.message()))
                 .hint("`lsdc config` prints every setting and its value")
         })?;
         config.check()?;
-        #[cfg(not(feature = "train"))]
-        if config.train != TrainConfig::default() || config.system.is_some() {
-            remarks.push(
-                "settings of `train` and `system` are ignored: this build cannot train".to_owned(),
-            );
-        }
-        Ok(Self { remarks, ..config })
+        Ok(config)
+    }
+
+    /// Whether there are settings of `train` or `system`, which this build ignores.
+    #[cfg(not(feature = "train"))]
+    pub fn has_ignored_settings(&self) -> bool {
+        self.train != TrainConfig::default() || self.system.is_some()
     }
 
     /// The network that is meant.
@@ -289,13 +282,19 @@ mod tests {
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("c.toml");
-        std::fs::write(&path, "[fit.joint]\nwaves = 2.0\n").unwrap();
+        std::fs::write(&path, "[fit.joint]\ncosines = 2.0\n").unwrap();
         let set = ["fit.joint.level=1e-5".to_owned(), "fit.lambda=gcv".into()];
         let config = Config::load(Some(&path), &set).unwrap();
         let fit = config.fit.over(&weights).unwrap();
         assert_eq!(fit.method, FitMethod::Joint);
-        assert_eq!((fit.joint.cosines, fit.joint.level), (2.0, 1e-5));
-        assert_eq!(fit.joint.data, weights.joint.data);
+        assert_eq!(
+            (fit.joint.cosines, fit.joint.diagonal_regularisation),
+            (2.0, 1e-5)
+        );
+        assert_eq!(
+            fit.joint.observation_precision,
+            weights.joint.observation_precision
+        );
         assert_eq!(fit.lambda, Lambda::Gcv);
         assert_eq!(FitSettings::default().over(&weights).unwrap(), weights);
         assert_eq!(FitSettings::all(&fit).unwrap().over(&weights).unwrap(), fit);

@@ -22,7 +22,7 @@ use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
 use lsdc_train::device::Device;
 use lsdc_train::predict::completer;
-use lsdc_train::training::{Event, Trainer};
+use lsdc_train::training::{Trainer, TrainingEvent};
 use lsdc_weights::open_weights;
 use lsdc_weights::provenance;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
@@ -331,8 +331,8 @@ fn trained() -> Vec<f32> {
     let (network, train) = (config.network(), config.train);
     let trainer = Trainer::new(folder.path(), network, fit, train, frames, &devices).unwrap();
     let mut losses = Vec::new();
-    let mut hear = |event: &Event| {
-        if let Event::Step { loss, .. } = event {
+    let mut hear = |event: &TrainingEvent| {
+        if let TrainingEvent::Step { loss, .. } = event {
             losses.push(*loss as f32);
         }
     };

@@ -11,14 +11,14 @@ mod scans;
 use hdf5_pure::FileBuilder;
 use image::{Rgb, RgbImage};
 use lsdc_eval::data::{
-    Camera, Colmap, Colored, DataConfig, DatasetKind, DepthMap, Sparse, Split, read_depth,
+    Camera, Colmap, ColoredPoint, DataConfig, DatasetKind, DepthMap, Sparse, Split, read_depth,
     read_mask, read_rgb, write_depth_png, write_exr, write_npy, write_npz, write_pfm, write_ply,
     write_rgb, write_tiff,
 };
-use lsdc_eval::report::Report;
-use lsdc_paper::systems::{Predictor, SystemConfig, Trained};
+use lsdc_eval::report::EvaluationReport;
+use lsdc_paper::systems::{Predictor, SystemConfig, SystemWeights};
 use lsdc_recordings::fuzzing::message;
-use lsdc_recordings::{Flaws, Frames, Kind, Recording, Survey, Wanted};
+use lsdc_recordings::{Defects, FrameOptions, Frames, MessageType, Recording, Survey};
 use lsdc_rng::Rng;
 use lsdc_train::device::Device;
 use lsdc_weights::Precision;
@@ -359,9 +359,9 @@ fn clouds() {
     let place = |i: u32| [f64::from(i) * 0.01 - 0.5, f64::from(i) * 0.005 - 0.3, 3.0];
     let mut sound = Vec::new();
 
-    let points: Vec<Colored> = (0..90)
-        .map(|i| Colored {
-            place: place(i),
+    let points: Vec<ColoredPoint> = (0..90)
+        .map(|i| ColoredPoint {
+            position: place(i),
             color: [1, 2, 3],
             sigma: Some(0.5),
         })
@@ -546,9 +546,9 @@ fn lists() {
     survive(&path, || readable(DatasetKind::Tum, root));
 
     let path = root.join("report.json");
-    let report = Report::new(lsdc_eval::report::Heading::default());
+    let report = EvaluationReport::new(lsdc_eval::report::Heading::default());
     report.write_json(&path).unwrap();
-    survive(&path, || Report::read_json(&path).is_ok());
+    survive(&path, || EvaluationReport::read_json(&path).is_ok());
 }
 
 #[test]
@@ -564,7 +564,7 @@ fn systems() {
             .join(format!("{}.safetensors", config.kind().name()));
         let net = config.init(0, &Device::flex()).unwrap();
         let normalisation = config.normalisation([48, 64]);
-        let trained = Trained::of(&net, config, normalisation);
+        let trained = SystemWeights::of(&net, config, normalisation);
         std::fs::write(&path, trained.to_bytes(Precision::Half).unwrap()).unwrap();
         survive(&path, || Predictor::open(&path, &Device::flex()).is_ok());
     }
@@ -591,13 +591,15 @@ fn recordings() {
         survive(&path, || {
             let survey =
                 Recording::open(&path).and_then(|mut recording| Survey::of(&mut recording));
-            survey.is_ok_and(|survey| survey.flaws == Flaws::default())
+            survey.is_ok_and(|survey| survey.defects == Defects::default())
         });
     }
     let mut messages = Vec::new();
     let mut recording = Recording::open(&golden.join("zstd.mcap")).unwrap();
     let visited = recording.visit(&|_| true, &mut |topic, message| {
-        let kind = Kind::ALL.iter().position(|kind| kind.name() == topic.kind);
+        let kind = MessageType::ALL
+            .iter()
+            .position(|kind| kind.name() == topic.kind);
         let kinds = ["/depth/rvl_", "/image/nv", "/image/uyvy"];
         if kinds.iter().any(|kind| topic.name.starts_with(kind)) {
             let name = topic.name.replace('/', "_");
@@ -619,9 +621,9 @@ fn recordings() {
         ("turn.mcap", "/velodyne/points", 1),
     ] {
         std::fs::copy(golden.join(name), &path).unwrap();
-        let wanted = Wanted {
+        let wanted = FrameOptions {
             points: Some(points.to_owned()),
-            ..Wanted::default()
+            ..FrameOptions::default()
         };
         survive(&path, || {
             let read = || {

@@ -4,14 +4,10 @@
 
 use libfuzzer_sys::fuzz_target;
 use lsdc_files::Camera;
-use lsdc_fuzz::with_file;
+use lsdc_fuzz::with_one_of;
 
 fuzz_target!(|data: &[u8]| {
-    let Some((&kind, data)) = data.split_first() else {
-        return;
-    };
-    let name = ["f.toml", "f.json", "f.yaml"][usize::from(kind % 3)];
-    with_file(data, name, |path| {
+    with_one_of(data, &["f.toml", "f.json", "f.yaml"], |path| {
         if let Ok(camera) = Camera::read(path) {
             let _ = camera.project([0.1, 0.2, 3.0]);
             let _ = camera.unproject([1.0, 2.0], 3.0);

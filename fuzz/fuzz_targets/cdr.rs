@@ -1,4 +1,4 @@
-//! Messages of recordings, of the type that the first byte says.
+//! Messages of recordings, by the first byte.
 
 #![no_main]
 

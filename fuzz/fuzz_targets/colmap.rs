@@ -1,4 +1,4 @@
-//! Sparse models of COLMAP: the first byte says which file the others are.
+//! Sparse models of COLMAP: the first byte selects the file that the others are in.
 
 #![no_main]
 

@@ -14,7 +14,7 @@ fuzz_target!(|data: &[u8]| {
         1 => {
             form("multipart/form-data; boundary=b", data);
         }
-        // What is random is no form: the parts of a sound one.
+        // Random bytes are no form: they become the parts of a valid one.
         _ => {
             let mut parts = data.splitn(4, |&byte| byte == b'|');
             let mut body = Vec::new();

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc_files::doubts::check_jpeg;
+use lsdc_files::checks::check_jpeg;
 
 fuzz_target!(|data: &[u8]| {
     let _ = check_jpeg(data);

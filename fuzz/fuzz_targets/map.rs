@@ -3,20 +3,20 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc_files::{Camera, DepthKind, Sparse, StoredAs};
-use lsdc_fuzz::with_file;
+use lsdc_files::{Camera, DepthKind, DepthReadOptions, Sparse};
+use lsdc_fuzz::with_one_of;
 
 fuzz_target!(|data: &[u8]| {
-    let Some((&kind, data)) = data.split_first() else {
-        return;
-    };
-    let name = ["f.npz", "f.tiff", "f.exr", "f.pfm", "f.pgm", "f.h5", "f.png"][usize::from(kind % 7)];
-    let ray = StoredAs {
+    let names = [
+        "f.npz", "f.tiff", "f.exr", "f.pfm", "f.pgm", "f.h5", "f.png",
+    ];
+    let is_ray = data.first().is_some_and(|&kind| kind > 127);
+    let options = DepthReadOptions {
         unit: None,
-        kind: (kind > 127).then_some(DepthKind::Ray),
+        kind: is_ray.then_some(DepthKind::Ray),
     };
     let camera = Camera::pinhole([50.0; 2], [32.0, 24.0]);
-    with_file(data, name, |path| {
-        let _ = Sparse::read_as(path, ray, Some(&camera), (64, 48));
+    with_one_of(data, &names, |path| {
+        let _ = Sparse::read_as(path, options, Some(&camera), (64, 48));
     });
 });

@@ -3,10 +3,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc_eval::report::Report;
+use lsdc_eval::report::EvaluationReport;
 
 fuzz_target!(|data: &[u8]| {
     if let Ok(text) = std::str::from_utf8(data) {
-        let _ = Report::from_json(text);
+        let _ = EvaluationReport::from_json(text);
     }
 });

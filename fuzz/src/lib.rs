@@ -1,12 +1,12 @@
-//! What the targets share.
+//! Helpers of the targets.
 
 #[cfg(feature = "evaluation")]
 use lsdc_eval::data::{DataConfig, DatasetKind, Split};
-use lsdc_recordings::{Frames, Recording, Survey, Wanted};
+use lsdc_recordings::{FrameOptions, Frames, Recording, Survey};
 use std::path::Path;
 use std::sync::Once;
 
-/// Readers catch panics of the libraries that they call; only what escapes them is a finding. libFuzzer's
+/// Readers catch panics of the libraries that they call; only panics that escape them are findings. libFuzzer's
 /// hook would end the run before.
 static HOOK: Once = Once::new();
 
@@ -18,6 +18,13 @@ pub fn with_file(data: &[u8], name: &str, read: impl FnOnce(&Path)) {
     std::fs::create_dir_all(path.parent().expect("a parent")).expect("folders");
     std::fs::write(&path, data).expect("a file");
     read(&path);
+}
+
+/// Puts all bytes but the first into a file, whose name the first byte selects.
+pub fn with_one_of(data: &[u8], names: &[&str], read: impl FnOnce(&Path)) {
+    if let Some((&kind, data)) = data.split_first() {
+        with_file(data, names[usize::from(kind) % names.len()], read);
+    }
 }
 
 /// Puts the bytes into a file of this name and reads the dataset around it.
@@ -46,16 +53,18 @@ pub fn recording(path: &Path) {
     let Ok(survey) = Survey::of(&mut recording) else {
         return;
     };
-    for counted in survey.topics.iter().take(8) {
-        let wanted = Wanted {
-            points: Some(counted.topic.name.clone()),
-            ..Wanted::default()
+    for summary in survey.topics.iter().take(8) {
+        let wanted = FrameOptions {
+            points: Some(summary.topic.name.clone()),
+            ..FrameOptions::default()
         };
         let Ok(frames) = Frames::of(&mut recording, &wanted) else {
             continue;
         };
         for frame in &frames.found {
-            let _ = frames.read(&mut recording, frame).and_then(|stored| stored.decode(&frames));
+            let _ = frames
+                .read(&mut recording, frame)
+                .and_then(|stored| stored.decode(&frames));
         }
     }
 }

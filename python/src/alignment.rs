@@ -25,16 +25,14 @@ impl Alignment {
 
     fn shift(&self) -> Option<Shift> {
         let shift = self.0.shift()?;
-        let errors = (shift.error, shift.error_moved);
-        let clear = shift.is_clear();
         Some((
             shift.u,
             shift.v,
-            errors.0,
-            errors.1,
+            shift.error,
+            shift.error_moved,
             shift.standard_errors,
             shift.frames,
-            clear,
+            shift.is_clear(),
         ))
     }
 }

@@ -1,7 +1,7 @@
 //! Cameras, and the points of a cloud that they see.
 
 use crate::arrays;
-use crate::error::{Kind, raised, raised_by_file};
+use crate::error::{ExceptionKind, raised, raised_by_file};
 use lsdc_core::{Cloud, Lens, SettingsError};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -15,7 +15,7 @@ pub(crate) struct Camera(pub(crate) lsdc_files::Camera);
 type Pose = ([[f64; 3]; 3], [f64; 3]);
 
 /// Focal lengths, principal point, lens and its coefficients, rotation and translation, width and height of the image.
-type Numbers = (
+type CameraParameters = (
     [f64; 2],
     [f64; 2],
     &'static str,
@@ -25,7 +25,7 @@ type Numbers = (
 );
 
 /// Rows u, v, depth of the visible points, and counts of those that are invalid, outside and hidden.
-type Seen<'py> = (Bound<'py, PyArray2<f64>>, usize, usize, usize);
+type VisiblePoints<'py> = (Bound<'py, PyArray2<f64>>, usize, usize, usize);
 
 #[pymethods]
 impl Camera {
@@ -48,7 +48,7 @@ impl Camera {
         };
         let hint =
             "lenses: \"pinhole\", \"radtan\" (k1, k2, p1, p2, k3 to k6), \"fisheye\" (k1 to k4)";
-        let lens = lens.map_err(|why| Kind::Settings.raise(py, &why, Some(hint)))?;
+        let lens = lens.map_err(|why| ExceptionKind::Settings.raise(py, &why, Some(hint)))?;
         let camera = lsdc_core::Camera::pinhole(focal, center)
             .with_lens(lens)
             .with_pose(pose.0, pose.1);
@@ -72,7 +72,7 @@ impl Camera {
         })
     }
 
-    fn numbers(&self) -> Numbers {
+    fn numbers(&self) -> CameraParameters {
         let optics = self.0.optics();
         let (focal, center, lens) = (optics.focal(), optics.center(), optics.lens());
         let coefficients = lens.coefficients().to_vec();
@@ -130,7 +130,7 @@ impl Camera {
         points: PyReadonlyArray2<'_, f64>,
         width: usize,
         height: usize,
-    ) -> PyResult<Seen<'py>> {
+    ) -> PyResult<VisiblePoints<'py>> {
         let points = arrays::rows::<3>(&points)?;
         let cloud =
             py.detach(|| Cloud::seen_by(self.0.optics(), width, height, points.iter().copied()));

@@ -1,6 +1,6 @@
 //! Weights with settings.
 
-use crate::error::{Kind, raised, raised_by_file};
+use crate::error::{ExceptionKind, raised, raised_by_file};
 use crate::image::{Colours, copy};
 use crate::pool::Pool;
 use crate::scene::Scene;
@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// Where weights come from.
 #[derive(FromPyObject)]
-pub(crate) enum Source<'py> {
+pub(crate) enum WeightsSource<'py> {
     /// Built in.
     Name(String),
     /// A file.
@@ -36,7 +36,7 @@ impl Completer {
     #[new]
     fn new(
         py: Python<'_>,
-        weights: Source<'_>,
+        weights: WeightsSource<'_>,
         fit: Option<&str>,
         working_size: Option<(usize, usize)>,
         threads: Option<usize>,
@@ -46,17 +46,17 @@ impl Completer {
             None => Pool::shared(py)?,
             Some(threads) => Pool::new(py, threads)?,
         };
-        let alone = matches!(&weights, Source::Name(name) if name == "none");
+        let alone = matches!(&weights, WeightsSource::Name(name) if name == "none");
         let weights = match &weights {
-            Source::Bytes(bytes) => {
+            WeightsSource::Bytes(bytes) => {
                 let bytes = bytes.as_bytes();
                 py.detach(|| Weights::from_bytes(bytes)).map_err(raised)?
             }
-            Source::Name(name) => {
+            WeightsSource::Name(name) => {
                 let name = if alone { "default" } else { name };
                 let Some(found) = lsdc_weights::named(name) else {
                     let what = format!("there are no weights `{name}`");
-                    return Err(Kind::Weights.raise(py, &what, None));
+                    return Err(ExceptionKind::Weights.raise(py, &what, None));
                 };
                 py.detach(|| found.read()).map_err(raised)?
             }
@@ -66,7 +66,7 @@ impl Completer {
         let mut config = weights.fit().map_err(raised)?.unwrap_or_default();
         if let Some(changes) = fit {
             config = changed(config, changes).map_err(|why| {
-                Kind::Settings.raise(py, &format!("the settings of the fit: {why}"), None)
+                ExceptionKind::Settings.raise(py, &format!("the settings of the fit: {why}"), None)
             })?;
         }
         let threads = pool.threads();

@@ -5,7 +5,7 @@ use crate::camera::Camera;
 use crate::error::raised_by_file;
 use crate::pool::Pool;
 use image::RgbImage;
-use lsdc_files::{Cloud, CloudOptions, are_far};
+use lsdc_files::{CloudOptions, ColoredCloud, are_far};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -101,7 +101,7 @@ impl Completion {
                 Err(error) if max_sigma.is_some() => return Err(error),
                 found => found.ok(),
             };
-            Ok(Cloud::new(
+            Ok(ColoredCloud::new(
                 &depth,
                 sigma.as_ref(),
                 &self.colours,
@@ -110,7 +110,7 @@ impl Completion {
             ))
         })?;
         let all = &cloud.points;
-        let places = all.iter().flat_map(|point| point.place);
+        let places = all.iter().flat_map(|point| point.position);
         let places = if are_far(all) {
             arrays::table(py, places.collect(), 3)?.into_any()
         } else {

@@ -9,7 +9,7 @@ use std::error::Error as _;
 
 /// Which exception stands for a kind of error.
 #[derive(Clone, Copy)]
-pub(crate) enum Kind {
+pub(crate) enum ExceptionKind {
     Base,
     Input,
     Weights,
@@ -18,7 +18,7 @@ pub(crate) enum Kind {
     Read,
 }
 
-impl Kind {
+impl ExceptionKind {
     fn class(self, py: Python<'_>) -> PyResult<&Bound<'_, PyType>> {
         static CLASSES: [PyOnceLock<Py<PyType>>; 6] = [const { PyOnceLock::new() }; 6];
         let name = match self {
@@ -44,11 +44,11 @@ impl Kind {
 /// The exception that stands for an error of `lsdc-core`.
 pub(crate) fn raised(py: Python<'_>, error: &Error) -> PyErr {
     let kind = match error {
-        Error::Image(_) => Kind::Input,
-        Error::Weights(_) => Kind::Weights,
-        Error::Settings(_) => Kind::Settings,
-        Error::Fit(_) => Kind::Fit,
-        _ => Kind::Base,
+        Error::Image(_) => ExceptionKind::Input,
+        Error::Weights(_) => ExceptionKind::Weights,
+        Error::Settings(_) => ExceptionKind::Settings,
+        Error::Fit(_) => ExceptionKind::Fit,
+        _ => ExceptionKind::Base,
     };
     let message = match error.source() {
         Some(cause) => format!("{error}: {cause}"),
@@ -61,12 +61,12 @@ pub(crate) fn raised(py: Python<'_>, error: &Error) -> PyErr {
 /// The exception that stands for an error of a file.
 pub(crate) fn raised_by_file(py: Python<'_>, error: &files::Error) -> PyErr {
     let kind = match error.cause() {
-        Cause::Read | Cause::Write | Cause::Format | Cause::TooLarge => Kind::Read,
-        Cause::Shape => Kind::Input,
-        Cause::Config => Kind::Settings,
-        Cause::Weights => Kind::Weights,
-        Cause::Fit => Kind::Fit,
-        _ => Kind::Base,
+        Cause::Read | Cause::Write | Cause::Format | Cause::TooLarge => ExceptionKind::Read,
+        Cause::Shape => ExceptionKind::Input,
+        Cause::Config => ExceptionKind::Settings,
+        Cause::Weights => ExceptionKind::Weights,
+        Cause::Fit => ExceptionKind::Fit,
+        _ => ExceptionKind::Base,
     };
     kind.raise(py, &error.with_causes(), error.advice())
 }

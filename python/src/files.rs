@@ -2,28 +2,28 @@
 
 use crate::arrays;
 use crate::camera::Camera;
-use crate::doubts::texts;
-use crate::error::{Kind, raised_by_file};
+use crate::checks::texts;
+use crate::error::{ExceptionKind, raised_by_file};
 use lsdc_core::Observation;
 use lsdc_files::error::Error;
-use lsdc_files::{Contents, Orientation, Sparse, StoredAs, Upright, View};
+use lsdc_files::{Contents, DepthReadOptions, Orientation, Sparse, UprightImage, View};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// What was said about reading: the unit, whether it was a guess, and what should be checked.
-type Said = (String, bool, Vec<String>);
+/// Notes of a reader: the unit, whether it was a guess, and what should be checked.
+type ReadingNotes = (String, bool, Vec<String>);
 
-/// Rows x, y, depth[, sigma]; points that were ignored, outside and hidden; what was said.
-type Points<'py> = (Bound<'py, PyArray2<f64>>, [usize; 3], Said);
+/// Rows x, y, depth[, sigma]; points that were ignored, outside and hidden; the notes of the reader.
+type Points<'py> = (Bound<'py, PyArray2<f64>>, [usize; 3], ReadingNotes);
 
-/// A map in metres, its standard deviations if the file has them, and what was said.
+/// A map in metres, its standard deviations if the file has them, and the notes of the reader.
 type Map<'py> = (
     Bound<'py, PyArray2<f32>>,
     Option<Bound<'py, PyArray2<f32>>>,
-    Said,
+    ReadingNotes,
 );
 
 #[pyfunction]
@@ -40,12 +40,12 @@ pub(crate) fn read_depth<'py>(
     let found = py
         .detach(|| read(&path))
         .map_err(|e| raised_by_file(py, &e))?;
-    let said = (found.unit.to_string(), found.guessed, found.remarks);
+    let notes = (found.unit.to_string(), found.guessed, found.remarks);
     let sigma = found
         .sigma
         .map(|sigma| arrays::map(py, sigma))
         .transpose()?;
-    Ok((arrays::map(py, found.depth)?, sigma, said))
+    Ok((arrays::map(py, found.depth)?, sigma, notes))
 }
 
 /// The colours `(H, W, 3)` of an image file, upright, and what should be checked.
@@ -55,10 +55,10 @@ pub(crate) fn read_image(
     path: PathBuf,
 ) -> PyResult<(Bound<'_, PyArray3<u8>>, Vec<String>)> {
     let found = py.detach(|| lsdc_files::read_upright(&path));
-    let Upright { rgb, doubts, .. } = found.map_err(|e| raised_by_file(py, &e))?;
+    let UprightImage { rgb, warnings, .. } = found.map_err(|e| raised_by_file(py, &e))?;
     let shape = [rgb.height() as usize, rgb.width() as usize, 3];
     let colours = PyArray1::from_vec(py, rgb.into_raw()).reshape(shape)?;
-    Ok((colours, texts(&doubts)))
+    Ok((colours, texts(&warnings)))
 }
 
 #[pyfunction]
@@ -71,13 +71,13 @@ pub(crate) fn read_points<'py>(
     kind: Option<&str>,
 ) -> PyResult<Points<'py>> {
     let read = || {
-        let how = StoredAs {
+        let how = DepthReadOptions {
             unit: unit.map(str::parse).transpose()?,
             kind: kind.map(str::parse).transpose()?,
         };
         let mut found = Sparse::read_as(&path, how, camera.map(|camera| &camera.0), size)?;
-        let doubts = camera.iter().flat_map(|camera| camera.0.doubts());
-        found.remarks.extend(doubts);
+        let warnings = camera.iter().flat_map(|camera| camera.0.warnings());
+        found.remarks.extend(warnings);
         Ok(found)
     };
     let found = py.detach(read).map_err(|e| raised_by_file(py, &e))?;
@@ -121,7 +121,7 @@ impl Colmap {
         let found: Option<&View> = self.0.views.iter().find(|view| view.name == name);
         let Some(view) = found else {
             let what = format!("the model has no image `{name}`");
-            return Err(Kind::Input.raise(py, &what, Some("`Colmap.images` names them")));
+            return Err(ExceptionKind::Input.raise(py, &what, Some("`Colmap.images` names them")));
         };
         let image = Orientation::new(size.unwrap_or(view.size), exif);
         let found = py.detach(|| Sparse::of_view(view, image, None));
@@ -140,10 +140,10 @@ fn points(py: Python<'_>, found: Sparse) -> PyResult<Points<'_>> {
     };
     let values = found.points.iter().flat_map(row).collect();
     let counts = [found.ignored, found.outside, found.hidden];
-    let said = (found.unit.to_string(), found.guessed, found.remarks);
+    let notes = (found.unit.to_string(), found.guessed, found.remarks);
     Ok((
         arrays::table(py, values, if certain { 4 } else { 3 })?,
         counts,
-        said,
+        notes,
     ))
 }

@@ -1,6 +1,6 @@
 //! A prediction of depth by other means.
 
-use crate::error::{Kind, raised};
+use crate::error::{ExceptionKind, raised};
 use lsdc_core::GuideKind;
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -20,7 +20,7 @@ impl DepthGuide {
             other => {
                 let what = format!("`{other}` is not a kind of guide");
                 let hint = "kinds: \"depth\", \"disparity\" (larger is nearer), \"log\"";
-                return Err(Kind::Settings.raise(py, &what, Some(hint)));
+                return Err(ExceptionKind::Settings.raise(py, &what, Some(hint)));
             }
         };
         let (height, width) = (values.shape()[0], values.shape()[1]);

@@ -7,9 +7,9 @@
 mod alignment;
 mod arrays;
 mod camera;
+mod checks;
 mod completer;
 mod completion;
-mod doubts;
 mod error;
 mod files;
 mod guide;
@@ -35,11 +35,11 @@ mod _native {
     #[pymodule_export]
     use crate::camera::Camera;
     #[pymodule_export]
+    use crate::checks::{eight_bits, without_marks};
+    #[pymodule_export]
     use crate::completer::Completer;
     #[pymodule_export]
     use crate::completion::Completion;
-    #[pymodule_export]
-    use crate::doubts::{eight_bits, without_marks};
     #[pymodule_export]
     use crate::files::{Colmap, read_depth, read_image, read_points};
     #[pymodule_export]

@@ -30,25 +30,18 @@ impl Observations {
         let map = DepthMap::new(width, height, map.as_slice()?.to_vec());
         let map = map.map_err(|error| raised(py, &error))?;
         let mut all = lsdc_core::Observations::from_map(&map);
-        if let Some(sigma) = &sigma {
-            let sigma = sigma.as_slice()?;
-            let at = |point: &Observation| {
-                let pixel = point.v as usize * width + point.u as usize;
-                sigma.get(pixel).copied()
-            };
-            let with = |point: &Observation| Observation {
-                sigma: at(point),
-                ..*point
-            };
-            all = all.iter().map(with).collect();
-        }
-        if (width, height) != size {
-            let placed = |point: &Observation| Observation {
+        if sigma.is_some() || (width, height) != size {
+            let sigma = sigma.as_ref().map(|sigma| sigma.as_slice()).transpose()?;
+            let observation = |point: &Observation| Observation {
                 u: rescaled(point.u, width, size.0),
                 v: rescaled(point.v, height, size.1),
-                ..*point
+                depth: point.depth,
+                sigma: sigma.and_then(|sigma| {
+                    let pixel = point.v as usize * width + point.u as usize;
+                    sigma.get(pixel).copied()
+                }),
             };
-            all = all.iter().map(placed).collect();
+            all = all.iter().map(observation).collect();
         }
         Ok(Self {
             all,
@@ -98,7 +91,7 @@ impl Observations {
     }
 }
 
-/// Where on `to` pixels lies what is at `place` on `from` pixels of the same view.
+/// The position on `to` pixels of what is at `place` on `from` pixels of the same view; unchanged on as many.
 fn rescaled(place: f64, from: usize, to: usize) -> f64 {
     (place + 0.5) * (to as f64 / from as f64) - 0.5
 }

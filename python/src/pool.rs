@@ -1,9 +1,9 @@
 //! The threads that calls run on, which do not survive a fork.
 
-use crate::error::{Kind, raised};
-use lsdc_core::Result;
+use crate::error::{ExceptionKind, raised};
+use lsdc_core::{Result, thread_pool};
 use pyo3::prelude::*;
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A pool of this process, or of the one that it was forked from.
@@ -31,19 +31,9 @@ impl Pool {
 
     /// A new pool, with a thread for every core if `threads` is 0.
     pub(crate) fn new(py: Python<'_>, threads: usize) -> PyResult<Self> {
-        /// More are a mistake.
-        const MOST: usize = 4096;
-        let refused = |why: String| Kind::Settings.raise(py, &why, None);
-        if threads > MOST {
-            return Err(refused(format!(
-                "a pool has at most {MOST} threads, not {threads}"
-            )));
-        }
-        let pool = ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool =
-            pool.map_err(|error| refused(format!("no pool of {threads} threads: {error}")))?;
+        let threads = thread_pool(threads).map_err(|error| raised(py, &error))?;
         Ok(Self {
-            threads: Arc::new(pool),
+            threads,
             process: std::process::id(),
         })
     }
@@ -85,7 +75,7 @@ impl Pool {
         if !self.is_here() {
             let what = "this was made before the process was forked, and its threads are not here";
             let hint = "make scenes after the fork, or start processes with \"spawn\"";
-            return Err(Kind::Base.raise(py, what, Some(hint)));
+            return Err(ExceptionKind::Base.raise(py, what, Some(hint)));
         }
         Ok(py.detach(|| self.threads.install(work)))
     }

@@ -3,7 +3,7 @@
 use crate::alignment::Alignment;
 use crate::arrays;
 use crate::completion::Completion;
-use crate::error::Kind;
+use crate::error::ExceptionKind;
 use crate::guide::DepthGuide;
 use crate::observations::Observations;
 use crate::pool::Pool;
@@ -57,7 +57,7 @@ impl Scene {
     /// With other settings of robustness, as JSON.
     fn with_robust(&self, py: Python<'_>, settings: &str) -> PyResult<Self> {
         let refused = |why: String| {
-            Kind::Settings.raise(py, &format!("the settings of robustness: {why}"), None)
+            ExceptionKind::Settings.raise(py, &format!("the settings of robustness: {why}"), None)
         };
         let settings = serde_json::from_str(settings).map_err(|why| refused(why.to_string()))?;
         let settings = robust(settings).map_err(refused)?;

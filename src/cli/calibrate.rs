@@ -7,9 +7,9 @@ use lsdc_core::fit::Lambda;
 use lsdc_eval::data::{DataConfig, Split, check_output, write_atomically};
 use lsdc_files::error::{Error, Result};
 use lsdc_train::device::device;
-use lsdc_train::training::{self, Division, Scenes, TrainConfig};
+use lsdc_train::training::{self, HeldOutUnit, Scenes, TrainConfig};
 use lsdc_weights::TRAINING_NOTE;
-use lsdc_weights::history::{self, Made};
+use lsdc_weights::history::{self, HistoryEntry};
 use lsdc_weights::open_weights;
 
 use lsdc_weights::{Precision, to_bytes};
@@ -21,8 +21,8 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     let mut weights = open_weights(args.model.weights.as_deref())?;
     if !args.only_errors {
         let mut fit = weights.fit()?.unwrap_or_default();
-        if let Some(named) = args.fit_method {
-            fit.method = named.method;
+        if let Some(method) = args.fit_method {
+            fit.method = method;
             fit.lambda = Lambda::Evidence;
         }
         fit.joint.cosines = args.cosines.unwrap_or(fit.joint.cosines);
@@ -54,7 +54,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
             &device,
             progress,
         )?
-        .held
+        .coverage
     } else {
         training::calibrate(&mut weights, frames.as_ref(), &config, &device, progress)?
     };
@@ -64,7 +64,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     } else {
         "calibrate"
     };
-    let mut made = Made {
+    let mut made = HistoryEntry {
         data: lsdc_eval::data::frames_record(frames.as_ref()),
         seconds: started.elapsed().as_secs_f64(),
         ..history::changed(by, args.model.weights.as_deref(), &weights)?
@@ -106,7 +106,7 @@ fn trained_by(weights: &Weights) -> Result<TrainConfig> {
         let mut note: Value = serde_json::from_str(json)?;
         if let Some(note) = note.as_object_mut() {
             // Before there was a choice, frames were held out.
-            let frames = json!(Division::Frames);
+            let frames = json!(HeldOutUnit::Frames);
             note.entry("held_out_by").or_insert(frames);
         }
         serde_json::from_value(note)
@@ -125,10 +125,10 @@ mod tests {
         let mut weights = Weights::builtin_small();
         let by = |weights: &Weights| trained_by(weights).unwrap().held_out_by;
         weights.notes.remove(TRAINING_NOTE);
-        assert_eq!(by(&weights), Division::Scenes);
+        assert_eq!(by(&weights), HeldOutUnit::Scenes);
         for (json, expected) in [
-            (r#"{"held_out":24}"#, Division::Frames),
-            (r#"{"held_out_by":"scenes"}"#, Division::Scenes),
+            (r#"{"held_out":24}"#, HeldOutUnit::Frames),
+            (r#"{"held_out_by":"scenes"}"#, HeldOutUnit::Scenes),
         ] {
             weights.notes.insert(TRAINING_NOTE.into(), json.into());
             assert_eq!(by(&weights), expected);

@@ -4,7 +4,7 @@
 use super::ui;
 use indicatif::ProgressBar;
 use lsdc_eval::metrics::Metric;
-use lsdc_train::training::Event;
+use lsdc_train::training::TrainingEvent;
 
 /// Characters of a curve.
 const WIDTH: usize = 50;
@@ -28,9 +28,9 @@ impl Dashboard {
         }
     }
 
-    pub(super) fn show(&mut self, event: &Event) {
+    pub(super) fn show(&mut self, event: &TrainingEvent) {
         match event {
-            Event::Step {
+            TrainingEvent::Step {
                 step,
                 loss,
                 rmse,
@@ -47,7 +47,7 @@ impl Dashboard {
                     self.curves()
                 ));
             }
-            Event::Measured { step, held_out } => {
+            TrainingEvent::Measured { step, held_out } => {
                 let (rmse, rel) = (held_out[Metric::Rmse], held_out[Metric::Rel]);
                 self.errors.push(rmse);
                 self.bar.suspend(|| {

@@ -6,12 +6,12 @@ use super::network::{open_completer, open_system, system_candidates};
 use super::{Exit, settings, ui};
 use lsdc_core::Completer;
 use lsdc_core::fit::FitMethod;
-use lsdc_eval::data::{DataConfig, GuideSource, check_output, write_atomically, write_npy};
+use lsdc_eval::data::{DataConfig, check_output, write_atomically, write_npy};
 use lsdc_eval::evaluation::{Candidate, Evaluation, Journal};
 use lsdc_eval::fit_settings::FitSettings;
-use lsdc_eval::predict::Method;
-use lsdc_eval::report::{Exhibit, Heading, Report};
-use lsdc_eval::sampling::Preset;
+use lsdc_eval::predict::{GuideSpec, Guides, Method, MonocularGuide};
+use lsdc_eval::report::{EvaluationReport, ExampleFrame, Heading};
+use lsdc_eval::sampling::ProtocolPreset;
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::{weights_hash, weights_name};
 use serde_json::{Value, json};
@@ -30,7 +30,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let outputs = Outputs::of(args, folder.as_deref())?;
     let eval = &config.eval;
     let frames = settings::open(&config.data, args.draws.split)?;
-    let preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
+    let preset = ProtocolPreset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
     let mut protocol = eval.protocol.unwrap_or(preset.protocol);
     if let Some(depth_resize) = args.depth_resize {
         protocol.depth_resize = depth_resize;
@@ -41,11 +41,20 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         .any(|(_, c)| matches!(c, Candidate::Method(Method::Lsdc)))
         .then(|| network(args, &config.fit))
         .transpose()?;
+    check_guides(args, network.as_ref().map(|(completer, _)| completer))?;
+    let monocular = match &args.guide {
+        Some(GuideSpec::DepthAnything(short_side)) => Some(MonocularGuide::open(*short_side)?),
+        Some(GuideSpec::Files(_)) | None => None,
+    };
+    let guides = match (&args.guide, &monocular) {
+        (Some(GuideSpec::Files(source)), _) => Some(Guides::Files(source)),
+        (_, monocular) => monocular.as_ref().map(Guides::Predicted),
+    };
     let evaluation = Evaluation {
         frames: &*frames,
         candidates,
         completer: network.as_ref().map(|(completer, _)| completer),
-        guides: guides(args, network.as_ref().map(|(completer, _)| completer))?,
+        guides,
         protocol,
         points: eval.points.clone().unwrap_or(preset.points),
         hold_out: eval.hold_out,
@@ -64,7 +73,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     };
     let guided = match &evaluation.guides {
         None => String::new(),
-        Some(source) => format!(", beside guides {source}"),
+        Some(guides) => format!(", beside guides {guides}"),
     };
     let measured = if args.uncertainty {
         ", with its standard deviations"
@@ -94,7 +103,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         "device": on_device.then_some(&args.model.device),
     });
     let journal = match &folder {
-        None => Journal::none(),
+        None => Journal::disabled(),
         Some(folder) => journal(folder, &heading, &place, args.force)?,
     };
     if !journal.is_empty() {
@@ -148,10 +157,10 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     Ok((completer, name))
 }
 
-/// The guides, which must change something and be there for every frame.
-fn guides<'a>(args: &'a Eval, completer: Option<&Completer>) -> Result<Option<&'a GuideSource>> {
-    let Some(source) = &args.guide else {
-        return Ok(None);
+/// Checks that guides change something, and are there for every frame.
+fn check_guides(args: &Eval, completer: Option<&Completer>) -> Result<()> {
+    let Some(spec) = &args.guide else {
+        return Ok(());
     };
     let method = completer.map(|completer| completer.fit_config().method);
     if method.is_none_or(|method| method == FitMethod::Field) {
@@ -160,21 +169,21 @@ fn guides<'a>(args: &'a Eval, completer: Option<&Completer>) -> Result<Option<&'
              does not have",
         ));
     }
-    if !source.path.is_dir() {
-        return Err(Error::config(format!(
+    match spec {
+        GuideSpec::Files(source) if !source.path.is_dir() => Err(Error::config(format!(
             "`{}` is no folder of guides",
             source.path.display()
         ))
-        .hint("guides are called as the frames are, such as FRAME.npy"));
+        .hint("guides are called as the frames are, such as FRAME.npy")),
+        GuideSpec::Files(_) | GuideSpec::DepthAnything(_) => Ok(()),
     }
-    Ok(Some(source))
 }
 
 fn journal(folder: &Path, heading: &Heading, place: &Value, anew: bool) -> Result<Journal> {
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     let path = folder.join(JOURNAL);
     if anew {
-        Journal::forget(&path)?;
+        Journal::clear(&path)?;
     }
     Journal::open(&path, heading, place)
 }
@@ -221,21 +230,21 @@ fn candidates(args: &Eval, methods: &[Method]) -> Result<Vec<(String, Candidate)
     Ok(all)
 }
 
-fn exhibits(evaluation: &Evaluation, report: &Report) -> Result<Vec<Exhibit>> {
+fn exhibits(evaluation: &Evaluation, report: &EvaluationReport) -> Result<Vec<ExampleFrame>> {
     report
-        .remarkable()
+        .example_frames()
         .into_iter()
-        .map(|(role, frame, seed)| evaluation.exhibit(role, frame, seed))
+        .map(|(role, frame, seed)| evaluation.example(role, frame, seed))
         .collect()
 }
 
 /// Writes every prediction as `METHOD/seedN/FRAME.npy`, as `--predictions` reads them.
-fn save(evaluation: &Evaluation, report: &Report, folder: &Path) -> Result<()> {
+fn save(evaluation: &Evaluation, report: &EvaluationReport, folder: &Path) -> Result<()> {
     let frames: BTreeSet<&str> = report.frames().keys().map(|(frame, _)| &**frame).collect();
     let mut names = Names::default();
     frames.into_iter().try_for_each(|frame| names.add(frame))?;
     for (frame, seed) in report.frames().keys() {
-        let exhibit = evaluation.exhibit("saved", frame, *seed)?;
+        let exhibit = evaluation.example("saved", frame, *seed)?;
         for (method, _, depth) in &exhibit.predictions {
             let path = folder.join(method).join(format!("seed{seed}/{frame}.npy"));
             if let Some(parent) = path.parent() {
@@ -292,7 +301,7 @@ impl Outputs {
         }
     }
 
-    pub(super) fn write(&self, report: &Report, exhibits: &[Exhibit]) -> Result<()> {
+    pub(super) fn write(&self, report: &EvaluationReport, exhibits: &[ExampleFrame]) -> Result<()> {
         if let Some(path) = &self.text {
             let text = report.to_string();
             write_atomically(path, |out| out.write_all(text.as_bytes()))?;

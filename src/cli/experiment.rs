@@ -7,9 +7,11 @@ use crate::config::Config;
 use lsdc_core::fit::{FitConfig, FitMethod};
 use lsdc_eval::data::{DataConfig, DatasetKind, Split};
 use lsdc_eval::report::write_page;
-use lsdc_eval::sampling::Preset;
+use lsdc_eval::sampling::ProtocolPreset;
 use lsdc_files::error::Result;
-use lsdc_paper::experiment::{self, Event, Experiment, ExperimentContext, Recipe, SystemRecipe};
+use lsdc_paper::experiment::{
+    self, Experiment, ExperimentContext, ExperimentEvent, Recipe, SystemRecipe,
+};
 use lsdc_train::device::device;
 use lsdc_train::predict::completer;
 use lsdc_train::training::TrainConfig;
@@ -24,7 +26,7 @@ const RECIPE: &str = "nyu-half.toml";
 pub(super) fn run(args: &Experiments) -> Result<Exit> {
     let context = context(args)?;
     if args.force {
-        experiment::forget(&context.folder)?;
+        experiment::remove_results(&context.folder)?;
     }
     let stop = ui::stop_flag();
     let bar = ui::bar(1, "s");
@@ -32,23 +34,23 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
     let experiments = Chosen::experiments(&args.names);
     let sections = experiment::run(&experiments, &context, |event| {
         match event {
-            Event::Resumed(count) => {
+            ExperimentEvent::Resumed(count) => {
                 bar.suspend(|| {
                     ui::say(&format!("{count} results of an earlier run are used again"));
                 });
             }
-            Event::Trying { done, total, trial } => {
+            ExperimentEvent::Estimating { done, total, trial } => {
                 bar.set_length(total as u64);
                 bar.set_position(done as u64);
                 bar.set_message(format!("trying {trial}"));
             }
-            Event::Announced(time) => {
+            ExperimentEvent::Estimated(time) => {
                 announced = Some((Instant::now(), time));
                 bar.suspend(|| ui::say(&format!("this takes about {}", words(time))));
                 bar.set_length(time.as_secs());
                 bar.reset_eta();
             }
-            Event::Progress { done, total, trial } => {
+            ExperimentEvent::Progress { done, total, trial } => {
                 bar.set_length(total.as_secs().max(1));
                 bar.set_position(done.as_secs());
                 bar.set_message(trial.to_owned());
@@ -138,7 +140,7 @@ fn context(args: &Experiments) -> Result<ExperimentContext> {
     config.train.steps = args.steps;
     config.train.check()?;
     let frames = settings::open(&config.data, args.draws.split)?;
-    let mut preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
+    let mut preset = ProtocolPreset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
     preset.protocol = eval.protocol.unwrap_or(preset.protocol);
     preset.points = eval.points.clone().unwrap_or(preset.points);
     let weights = args.model.weights.as_deref();
@@ -185,7 +187,7 @@ fn context(args: &Experiments) -> Result<ExperimentContext> {
             "device": args.model.device,
         }),
         device: (device_of_all, args.model.device.clone()),
-        trial: TRIAL,
+        probe_time: TRIAL,
     })
 }
 

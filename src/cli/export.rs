@@ -7,7 +7,7 @@ use image::RgbImage;
 use lsdc_eval::data::{would_replace, write_npy, write_rgb};
 use lsdc_eval::evaluation::Evaluation;
 use lsdc_eval::metrics::Rules;
-use lsdc_eval::sampling::{Preset, Task};
+use lsdc_eval::sampling::{CompletionTask, ProtocolPreset};
 use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
     let eval = &config.eval;
     let name = args.protocol.as_deref().or(eval.preset.as_deref());
     let frames = settings::open(&config.data, args.split)?;
-    let preset = Preset::named(name.unwrap_or(frames.protocol()))?;
+    let preset = ProtocolPreset::named(name.unwrap_or(frames.protocol()))?;
     let points = args.points.as_ref().or(eval.points.as_ref());
     let evaluation = Evaluation {
         frames: &*frames,
@@ -56,7 +56,7 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    ui::print(&format!("frames    {count} of {}", frames.about()));
+    ui::print(&format!("frames    {count} of {}", frames.description()));
     ui::print(&format!("steps     {}", evaluation.protocol));
     ui::print(&format!(
         "points    {}, seed {}",
@@ -101,7 +101,7 @@ impl Files {
         }
     }
 
-    fn write(&self, rgb: &RgbImage, task: &Task) -> Result<()> {
+    fn write(&self, rgb: &RgbImage, task: &CompletionTask) -> Result<()> {
         for path in self.all() {
             if let Some(parent) = path.parent() {
                 std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;

@@ -103,7 +103,7 @@ fn dataset(args: &Inspect) -> Result<Exit> {
             "{:<9} {}, {}",
             split.name(),
             ui::counted(frames.len(), "frame"),
-            frames.about()
+            frames.description()
         ));
         let frame = frames.load(0)?;
         let depth = &frame.depth;

@@ -7,9 +7,13 @@ use super::ui;
 #[cfg(feature = "download")]
 use lsdc_files::error::Error;
 use lsdc_files::error::Result;
-use lsdc_weights::{Added, KNOWN, Known, Store};
 #[cfg(feature = "download")]
-use lsdc_weights::{Event, Limits, get as download};
+use lsdc_weights::{DownloadEvent, DownloadLimits, get as download};
+use lsdc_weights::{Installation, KNOWN, KnownEncoder, Store};
+
+/// That an encoder is installed alone.
+pub(super) const NO_HEAD: &str = "its depth head, which `--guide depth-anything` needs, is not installed; \
+                                  `lsdc weights add FILE` adds that of the published file";
 
 pub(super) fn add(args: &Add) -> Result<()> {
     let store = Store::open()?;
@@ -24,35 +28,35 @@ pub(super) fn get(args: &Get) -> Result<()> {
     let known = known.ok_or_else(|| Error::config(format!("no weights `{}`", args.name)))?;
     let places = match &args.url {
         Some(url) => &[url.as_str()][..],
-        None => known.places,
+        None => known.urls,
     };
     let store = Store::open()?;
     let (mut bar, mut named) = (None, false);
-    let mut tell = |event: Event<'_>| match event {
-        Event::Begun {
-            place,
-            before,
-            total,
+    let mut tell = |event: DownloadEvent<'_>| match event {
+        DownloadEvent::Started {
+            url,
+            resumed_bytes,
+            total_bytes,
         } => {
             if !std::mem::replace(&mut named, true) {
                 ui::say(&format!("{}, licence {}", known.name, known.licence));
             }
-            let goes_on = match before {
+            let goes_on = match resumed_bytes {
                 0 => String::new(),
                 bytes => format!(", going on after {:.1} MB", bytes as f64 / 1e6),
             };
-            ui::say(&format!("from {place}{goes_on}"));
-            let begun = bar.insert(ui::byte_bar(total));
-            begun.set_position(before);
+            ui::say(&format!("from {url}{goes_on}"));
+            let begun = bar.insert(ui::byte_bar(total_bytes));
+            begun.set_position(resumed_bytes);
             // What was there before says nothing about the speed.
             begun.reset_eta();
         }
-        Event::Reached(bytes) => {
+        DownloadEvent::Progress(bytes) => {
             if let Some(bar) = &bar {
                 bar.set_position(bytes);
             }
         }
-        Event::Broken(error) | Event::Elsewhere(error) => {
+        DownloadEvent::Interrupted(error) | DownloadEvent::NextUrl(error) => {
             bar = None;
             ui::say(&error.with_causes());
         }
@@ -62,7 +66,7 @@ pub(super) fn get(args: &Get) -> Result<()> {
         known,
         places,
         args.force,
-        &Limits::default(),
+        &DownloadLimits::default(),
         &mut tell,
     );
     drop(bar);
@@ -70,19 +74,26 @@ pub(super) fn get(args: &Get) -> Result<()> {
     Ok(())
 }
 
-fn say(store: &Store, known: &Known, added: Added) {
+fn say(store: &Store, known: &KnownEncoder, added: Installation) {
     let path = store.path(known);
     let path = path.display();
-    let Known {
+    let KnownEncoder {
         weights,
         name,
         licence,
         ..
     } = known;
     match added {
-        Added::New => ui::tell(&format!(
+        Installation::New => ui::tell(&format!(
             "installed {name}, licence {licence}, for the weights `{weights}`: {path}"
         )),
-        Added::Before => ui::tell(&format!("unchanged {name} is installed: {path}")),
+        Installation::Head => ui::tell(&format!(
+            "installed the depth head of {name}, licence {licence}: {}",
+            store.head_path(known).display()
+        )),
+        Installation::Unchanged => ui::tell(&format!("unchanged {name} is installed: {path}")),
+    }
+    if !store.has_head(known) {
+        ui::say(NO_HEAD);
     }
 }

@@ -55,9 +55,6 @@ pub fn main() -> ExitCode {
 }
 
 fn run(args: Args) -> Result<Exit> {
-    if let Some(remark) = args.command.remark() {
-        ui::say(remark);
-    }
     match args.command {
         Command::Complete(args) => complete::run(&args),
         Command::Inspect(args) => inspect::run(&args),

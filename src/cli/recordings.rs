@@ -2,7 +2,7 @@
 
 use super::ui;
 use lsdc_files::error::Result;
-use lsdc_recordings::{Counted, Recording, Survey};
+use lsdc_recordings::{Recording, Survey, TopicSummary};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -40,9 +40,14 @@ fn lines(recording: &Recording, survey: &Survey) -> Vec<String> {
             "duration  {length:.3} s, from {start:.3} s since 1970"
         ));
     }
-    lines.extend(survey.flaws.lines().map(|what| format!("warning   {what}")));
+    lines.extend(
+        survey
+            .defects
+            .lines()
+            .map(|what| format!("warning   {what}")),
+    );
     let widest =
-        |length: fn(&Counted) -> usize| survey.topics.iter().map(length).max().unwrap_or(0);
+        |length: fn(&TopicSummary) -> usize| survey.topics.iter().map(length).max().unwrap_or(0);
     let name = widest(|counted| counted.topic.name.len());
     let kind = widest(|counted| counted.topic.kind.len());
     lines.extend(survey.topics.iter().map(|counted| {
@@ -61,7 +66,7 @@ fn lines(recording: &Recording, survey: &Survey) -> Vec<String> {
 }
 
 fn described(recording: &Recording, survey: &Survey) -> Value {
-    let topic = |counted: &Counted| {
+    let topic = |counted: &TopicSummary| {
         json!({
             "name": counted.topic.name, "type": counted.topic.kind, "encoding": counted.topic.encoding,
             "messages": counted.count, "rate": counted.rate(), "bytes": counted.bytes,
@@ -72,8 +77,8 @@ fn described(recording: &Recording, survey: &Survey) -> Value {
         "file": recording.path().display().to_string(), "is": "recording", "bytes": recording.size(),
         "start_ns": times.map(|(first, _)| first),
         "seconds": times.map(|(first, last)| (last - first) as f64 * 1e-9),
-        "cut_off": survey.flaws.cut, "damaged": survey.flaws.damaged, "first_damage": survey.flaws.first,
-        "absent": survey.flaws.absent,
+        "cut_off": survey.defects.truncated, "damaged": survey.defects.damaged, "first_damage": survey.defects.first_damage,
+        "absent": survey.defects.missing_files,
         "topics": survey.topics.iter().map(topic).collect::<Vec<_>>(),
     })
 }

@@ -4,13 +4,13 @@ use super::args::{Curves, Merge, Runs};
 use super::eval::Outputs;
 use super::{Exit, ui};
 use lsdc_eval::data::check_output;
-use lsdc_eval::report::{Curve, Report, Training};
+use lsdc_eval::report::{Curve, EvaluationReport, Training};
 use lsdc_files::error::{Error, Result};
 
 pub(super) fn merge(args: &Merge) -> Result<Exit> {
-    let mut whole: Option<Report> = None;
+    let mut whole: Option<EvaluationReport> = None;
     for path in &args.files {
-        let part = Report::read_json(path)?;
+        let part = EvaluationReport::read_json(path)?;
         match &mut whole {
             None => whole = Some(part),
             Some(whole) => whole.join(part)?,
@@ -29,7 +29,10 @@ pub(super) fn merge(args: &Merge) -> Result<Exit> {
 }
 
 pub(super) fn curve(args: &Curves) -> Result<Exit> {
-    let reports = args.files.iter().map(|path| Report::read_json(path));
+    let reports = args
+        .files
+        .iter()
+        .map(|path| EvaluationReport::read_json(path));
     let curve = Curve::of(&reports.collect::<Result<Vec<_>>>()?)?;
     if let Some(path) = &args.html {
         check_output(path, args.force)?;

@@ -4,7 +4,7 @@ use super::args::{Model, Serve};
 use super::network::open_completer;
 use super::{Exit, ui};
 use lsdc_files::error::{Cause, Error, Result};
-use lsdc_serve::{Access, Config, Entry, Server, Tls};
+use lsdc_serve::{Access, Config, LogEntry, Server, Tls};
 use lsdc_weights::weights_name;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -67,16 +67,14 @@ pub(super) fn failed(error: lsdc_serve::Error) -> Error {
         Serving::Certificate { .. } => Cause::Read,
         _ => Cause::Config,
     };
-    let (message, hint) = (error.to_string(), error.hint());
-    let found = Error::new(cause, message);
-    let found = match std::error::Error::source(&error) {
-        Some(source) => found.because(source.to_string()),
-        None => found,
-    };
-    match hint {
-        Some(hint) => found.hint(hint),
-        None => found,
+    let mut found = Error::new(cause, error.to_string());
+    if let Some(source) = std::error::Error::source(&error) {
+        found = found.because(source.to_string());
     }
+    if let Some(hint) = error.hint() {
+        found = found.hint(hint);
+    }
+    found
 }
 
 fn token(args: &Serve) -> Result<Option<String>> {
@@ -95,7 +93,7 @@ fn token(args: &Serve) -> Result<Option<String>> {
 }
 
 /// One line of JSON for each request.
-fn log(entry: &Entry) {
+fn log(entry: &LogEntry) {
     if let Ok(line) = serde_json::to_string(entry) {
         ui::say(&line);
     }

@@ -1,6 +1,7 @@
 //! Flags laid over the configuration.
 
 use super::args::{Settings, Source};
+#[cfg(not(feature = "train"))]
 use super::ui;
 use crate::config::Config;
 #[cfg(feature = "train")]
@@ -14,7 +15,10 @@ impl Settings {
     /// The configuration of file and `--set`.
     pub(super) fn load(&self) -> Result<Config> {
         let config = Config::load(self.config.as_deref(), &self.set)?;
-        config.remarks.iter().for_each(|remark| ui::say(remark));
+        #[cfg(not(feature = "train"))]
+        if config.has_ignored_settings() {
+            ui::say("settings of `train` and `system` are ignored: this build cannot train");
+        }
         Ok(config)
     }
 }

@@ -11,7 +11,7 @@ use lsdc_eval::predict::Method;
 use lsdc_files::error::{Error, Result};
 use lsdc_paper::systems::{SystemConfig, trainer};
 use lsdc_train::device::devices;
-use lsdc_train::training::{Division, Outcome, Subject, Trainer};
+use lsdc_train::training::{HeldOutUnit, RunOutcome, Subject, Trainer};
 use lsdc_weights::provenance::differences;
 use serde_json::{Value, json};
 use std::io::ErrorKind;
@@ -86,11 +86,11 @@ impl Run<'_> {
         let outcome = trainer.run(&ui::stop_flag(), |event| dashboard.show(event))?;
         dashboard.finish();
         match outcome {
-            Outcome::Finished => {
+            RunOutcome::Finished => {
                 ui::print(&format!("written   {}", trainer.weights_path().display()));
                 Ok(Exit::Done)
             }
-            Outcome::Stopped(step) => {
+            RunOutcome::Stopped(step) => {
                 ui::say(&format!("stopped after step {step}"));
                 ui::say(&format!(
                     "hint: go on with `lsdc train --resume {}`",
@@ -108,7 +108,7 @@ fn resumed(path: &Path) -> Result<Config> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
     if !text.contains("held_out_by") {
         // Before there was a choice, frames were held out.
-        config.train.held_out_by = Division::Frames;
+        config.train.held_out_by = HeldOutUnit::Frames;
     }
     Ok(config)
 }

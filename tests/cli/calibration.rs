@@ -1,8 +1,8 @@
 //! Whether `lsdc complete` notices that points do not lie where the image shows them.
 
 use super::*;
-use lsdc_eval::data::Colored;
-use lsdc_recordings::{Header, Kind, Times, Writer, write_cloud};
+use lsdc_eval::data::ColoredPoint;
+use lsdc_recordings::{Header, MessageTimes, MessageType, Writer, write_cloud};
 
 const WARNING: &str = "the points fit the image better moved by";
 
@@ -110,7 +110,7 @@ fn drive(at: &Path, late: i64) {
     let png = std::fs::read(asset("rgb.png")).unwrap();
     let mut writer = Writer::create(at).unwrap();
     let mut write = |topic, kind, stamp: i64, message: Cdr| {
-        let times = Times {
+        let times = MessageTimes {
             log: stamp as u64,
             publish: stamp as u64,
         };
@@ -122,7 +122,7 @@ fn drive(at: &Path, late: i64) {
         let place = [0.4 * (tenth - 25).max(0) as f64, 0.0, 0.0];
         let message = Cdr::new().u32(1).stamped(stamp, "odom").text("camera");
         let message = message.f64s(&place).f64s(&[0.0, 0.0, 0.0, 1.0]);
-        write("/tf", Kind::Transforms, stamp, message);
+        write("/tf", MessageType::Transforms, stamp, message);
     }
     for frame in 0..9 {
         let taken = start + 1_000_000_000 + frame * 500_000_000;
@@ -138,11 +138,11 @@ fn drive(at: &Path, late: i64) {
             .f64s(&turned)
             .f64s(&projection);
         let info = [0; 6].into_iter().fold(info, Cdr::u32).number(&[0]);
-        write("/camera/camera_info", Kind::CameraInfo, stamp, info);
+        write("/camera/camera_info", MessageType::CameraInfo, stamp, info);
         let image = Cdr::new().stamped(stamp, "camera").text("png").bytes(&png);
         write(
             "/camera/image/compressed",
-            Kind::CompressedImage,
+            MessageType::CompressedImage,
             stamp,
             image,
         );
@@ -152,8 +152,8 @@ fn drive(at: &Path, late: i64) {
             let depth = f64::from(truth.values()[i]);
             let away = [i % width, i / width].map(|v| v as f64);
             let [x, y] = [0, 1].map(|axis| (away[axis] - middle[axis]) / FOCAL * depth);
-            Colored {
-                place: [x, y, depth],
+            ColoredPoint {
+                position: [x, y, depth],
                 color: [0; 3],
                 sigma: None,
             }
@@ -163,7 +163,7 @@ fn drive(at: &Path, late: i64) {
             frame: "camera".to_owned(),
         };
         let cloud = write_cloud(&header, &points.collect::<Vec<_>>());
-        write("/lidar/points", Kind::PointCloud2, taken, Cdr(cloud));
+        write("/lidar/points", MessageType::PointCloud2, taken, Cdr(cloud));
     }
     writer.finish().unwrap();
 }

@@ -511,25 +511,11 @@ fn values_that_are_no_depth_are_counted_and_ignored() {
 }
 
 #[test]
-fn the_old_name_of_the_field_works_and_says_so() {
+fn an_unknown_fit_is_refused() {
     let folder = room();
-    for (name, remarks) in [("field", 0), ("wls", 1)] {
-        let run = lsdc(folder.path())
-            .args(["complete", "rgb.png", "sparse.npy", "--weights", "small"])
-            .args(["--fit", name, "-o", name])
-            .assert()
-            .success();
-        let said = String::from_utf8(run.get_output().stderr.clone()).unwrap();
-        assert_eq!(said.matches("called `--fit field` now").count(), remarks);
-    }
-    let depth = |name: &str| std::fs::read(folder.path().join(name).join("rgb_depth.npy"));
-    assert_eq!(depth("field").unwrap(), depth("wls").unwrap());
-    // In configurations too, where `--method wls` keeps its name.
-    let set = ["config", "--set", "fit.method=wls"];
-    lsdc(folder.path()).args(set).assert().success();
     refused(
         folder.path(),
         &["complete", "rgb.png", "sparse.npy", "--fit", "none"],
-        &["lse, field or joint"],
+        &["lse, field, joint"],
     );
 }

@@ -211,6 +211,10 @@ fn guides_are_given_to_the_frames_of_their_names() {
         &["no folder of guides", "hint:"],
     );
     refuses(&["--guide", "frames"], &["no guide of that name"]);
+    refuses(
+        &["--guide", "depth-anything"],
+        &["Depth Anything V2 Small", "`lsdc weights get anything`"],
+    );
 }
 
 #[test]

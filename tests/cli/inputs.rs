@@ -430,6 +430,17 @@ fn a_guide_is_used_or_said_not_to_be() {
     let field = [&frame[..], &["good.npy", "--fit", "field"]].concat();
     refused_with(&field, &["--guide", "change nothing"]);
     refused_with(&[&frame[..], &["none.npy"]].concat(), &["none.npy"]);
+    let predicted = [&frame[..], &["depth-anything"]].concat();
+    let install = [
+        "`depth-anything` needs Depth Anything V2 Small",
+        "`lsdc weights get anything`",
+        "`lsdc weights add FILE`",
+    ];
+    refused_with(&predicted, &install);
+    refused_with(
+        &[&frame[..], &["depth-anything:100"]].concat(),
+        &["252 to 518"],
+    );
     refused_with(
         &[&frame[..], &["good.npy", "--method", "linear"]].concat(),
         &["--guide"],
@@ -441,5 +452,9 @@ fn a_guide_is_used_or_said_not_to_be() {
     refused_with(
         &["images", "points", "--guide", "good.npy"],
         &["--guide", "folder"],
+    );
+    refused_with(
+        &["images", "points", "--guide", "depth-anything:518"],
+        &install,
     );
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use lsdc_eval::data::write_rgb;
-use lsdc_recordings::{Frames, Header, Recording, Wanted};
+use lsdc_recordings::{FrameOptions, Frames, Header, Recording};
 use std::fmt::Write as _;
 
 fn golden(name: &str) -> String {
@@ -76,7 +76,7 @@ fn a_folder_holds_what_files_of_the_same_frames_give() {
     told(&again, &["1 completed, 3 there already, 0 failed"]);
 
     let mut recording = Recording::open(Path::new(&golden("drive.mcap"))).unwrap();
-    let frames = Frames::of(&mut recording, &Wanted::default()).unwrap();
+    let frames = Frames::of(&mut recording, &FrameOptions::default()).unwrap();
     for folder in ["images", "points"] {
         std::fs::create_dir(at(folder)).unwrap();
     }
@@ -144,10 +144,10 @@ fn a_recording_goes_into_a_recording() {
         let visited = Recording::open(path)
             .unwrap()
             .visit(&|_| true, &mut |topic, message| {
-                found.push((topic.name.clone(), message.log_time, message.data.to_vec()));
+                found.push((topic.name.clone(), message.times.log, message.data.to_vec()));
                 Ok(())
             });
-        assert_eq!(visited.unwrap(), lsdc_recordings::Flaws::default());
+        assert_eq!(visited.unwrap(), lsdc_recordings::Defects::default());
         found
     };
     let found = read(&at("out.mcap"));

@@ -25,7 +25,7 @@ fn said(run: &assert_cmd::assert::Assert) -> String {
 fn an_evaluation_with_another_fit_does_not_print_the_old_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let fit = ["--set", "fit.joint.waves=0", "--set", "fit.joint.data=1"];
+    let fit = ["--set", "fit.joint.cosines=0", "--set", "fit.joint.data=1"];
     let eval = |more: &[&str]| lsdc(at).args(SMALL).args(more).assert();
     let first = eval(&["-o", "run"]).success();
     assert!(!said(&first).contains("earlier run"));

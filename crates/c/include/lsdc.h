@@ -391,7 +391,7 @@ const char *lsdc_last_error(void);
 /// What to do about the error of `lsdc_last_error`, or "" if nothing can be suggested. It lives as long.
 const char *lsdc_last_hint(void);
 
-/// The version of the library, as "0.1.0". The text lives as long as the program.
+/// The version of the library, as "0.2.0". The text lives as long as the program.
 const char *lsdc_version(void);
 
 /// The version of the interface of the library that was loaded. A program can compare it with

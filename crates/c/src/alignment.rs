@@ -1,6 +1,6 @@
 //! Whether points lie where the images show them.
 
-use crate::fault::{Result, guard};
+use crate::error::{Result, guard};
 use crate::handles::Handles;
 use crate::input::{lsdc_points, observations};
 use crate::memory::{self, Versioned};
@@ -63,11 +63,7 @@ pub unsafe extern "C" fn lsdc_scene_alignment(
         // SAFETY: the caller's promise.
         unsafe { memory::put(alignment, std::ptr::null_mut(), "alignment") }?;
         let scene = SCENES.get(scene)?;
-        let before = if before.is_null() {
-            None
-        } else {
-            Some(ALIGNMENTS.get(before)?)
-        };
+        let before = memory::unless_null(before, |before| ALIGNMENTS.get(before))?;
         // SAFETY: the caller's promise.
         let points = unsafe { observations(points) }?;
         let mut found = scene.run(|scene| Ok(scene.alignment(&points)?))?;

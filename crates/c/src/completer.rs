@@ -1,6 +1,6 @@
 //! Completers: weights, settings and threads.
 
-use crate::fault::{Fault, Result, guard};
+use crate::error::{Error, Result, guard};
 use crate::handles::Handles;
 use crate::memory::{self, Versioned};
 use crate::pool::{Pool, Pooled};
@@ -99,7 +99,7 @@ pub unsafe extern "C" fn lsdc_completer_create_from_file(
     completer: *mut *mut lsdc_completer,
 ) -> lsdc_status {
     // SAFETY: the caller's promise.
-    let weights = || Chosen::all(Weights::read(unsafe { memory::path(path, "path") }?));
+    let weights = || SelectedWeights::all(Weights::read(unsafe { memory::path(path, "path") }?));
     // SAFETY: the caller's promise.
     guard(|| unsafe { make(weights, options, completer) })
 }
@@ -114,10 +114,10 @@ pub unsafe extern "C" fn lsdc_completer_create_from_memory(
     completer: *mut *mut lsdc_completer,
 ) -> lsdc_status {
     let weights = || {
-        let rows = memory::Rows::new("the weights", 1, size, 0)?;
+        let rows = memory::RowLayout::new("the weights", 1, size, 0)?;
         // SAFETY: the caller's promise.
         let bytes = unsafe { memory::gather(data.cast(), rows, "data") }?;
-        Chosen::all(Weights::from_bytes(&bytes))
+        SelectedWeights::all(Weights::from_bytes(&bytes))
     };
     // SAFETY: the caller's promise.
     guard(|| unsafe { make(weights, options, completer) })
@@ -130,13 +130,13 @@ pub extern "C" fn lsdc_completer_free(completer: *mut lsdc_completer) -> lsdc_st
     guard(|| COMPLETERS.free(completer))
 }
 
-/// Weights, or the settings of their fit alone.
-struct Chosen {
+/// Weights, with their network or only with the settings of their fit.
+struct SelectedWeights {
     weights: Weights,
     network: bool,
 }
 
-impl Chosen {
+impl SelectedWeights {
     fn all(weights: lsdc_core::Result<Weights>) -> Result<Self> {
         let (weights, network) = (weights?, true);
         Ok(Self { weights, network })
@@ -146,7 +146,7 @@ impl Chosen {
 /// # Safety
 /// The pointers are null or lead to what they say.
 unsafe fn make(
-    weights: impl FnOnce() -> Result<Chosen>,
+    weights: impl FnOnce() -> Result<SelectedWeights>,
     options: *const lsdc_completer_options,
     completer: *mut *mut lsdc_completer,
 ) -> Result<()> {
@@ -159,18 +159,18 @@ unsafe fn make(
     unsafe { memory::put(completer, made, "completer") }
 }
 
-fn with(chosen: &Chosen, options: &lsdc_completer_options) -> Result<Pooled<Completer>> {
-    let recorded = chosen.weights.fit()?.unwrap_or_default();
+fn with(selected: &SelectedWeights, options: &lsdc_completer_options) -> Result<Pooled<Completer>> {
+    let recorded = selected.weights.fit()?.unwrap_or_default();
     let fit = FitConfig {
         method: method(options.fit, recorded.method)?,
         robust: robust(options.robust, recorded.robust)?,
         ..recorded
     };
     let pool = Pool::new(options.threads)?;
-    let mut value = if chosen.network {
-        let network = &chosen.weights.network;
+    let mut value = if selected.network {
+        let network = &selected.weights.network;
         let encoder = pool.threads.install(|| lsdc_weights::encoder_of(network))?;
-        let mut builder = Completer::builder(&chosen.weights).fit(fit);
+        let mut builder = Completer::builder(&selected.weights).fit(fit);
         if let Some(encoder) = encoder {
             builder = builder.encoder(encoder);
         }
@@ -191,9 +191,7 @@ fn method(fit: lsdc_fit, recorded: FitMethod) -> Result<FitMethod> {
         LSDC_FIT_LSE => Ok(FitMethod::Lse),
         LSDC_FIT_FIELD => Ok(FitMethod::Field),
         LSDC_FIT_JOINT => Ok(FitMethod::Joint),
-        other => Err(Fault::argument(format!(
-            "`options->fit` {other} is unknown"
-        ))),
+        other => Err(Error::unknown("options->fit", other)),
     }
 }
 
@@ -215,37 +213,33 @@ fn robust(robust: lsdc_robust, recorded: Option<Robust>) -> Result<Option<Robust
         LSDC_ROBUST_CAUCHY => Loss::Cauchy,
         LSDC_ROBUST_GM => Loss::Gm,
         LSDC_ROBUST_TUKEY => Loss::Tukey,
-        other => {
-            return Err(Fault::argument(format!(
-                "`options->robust` {other} is unknown"
-            )));
-        }
+        other => return Err(Error::unknown("options->robust", other)),
     };
     Ok(Some(Robust::new(loss)))
 }
 
 /// Weights of the library, by their name.
-fn named(name: &str) -> Result<Chosen> {
+fn named(name: &str) -> Result<SelectedWeights> {
     let network = name != NONE;
     let found = lsdc_weights::named(if network { name } else { "default" });
     let weights = found.ok_or_else(|| unknown(name))?.read()?;
-    Ok(Chosen { weights, network })
+    Ok(SelectedWeights { weights, network })
 }
 
 /// The name that stands for no network at all.
 const NONE: &str = "none";
 
 /// There are no weights of a name: without the feature `weights`, none at all.
-fn unknown(name: &str) -> Fault {
+fn unknown(name: &str) -> Error {
     let read = "read a file with lsdc_completer_create_from_file";
     if cfg!(not(feature = "weights")) {
-        return Fault::weights("this library was built without weights").with_hint(read);
+        return Error::weights("this library was built without weights").with_hint(read);
     }
     let names = lsdc_weights::embedded().iter().map(|weights| weights.name);
     let names: Vec<String> = names
         .chain([NONE])
         .map(|name| format!("{name:?}"))
         .collect();
-    Fault::weights(format!("there are no weights named `{name}`"))
+    Error::weights(format!("there are no weights named `{name}`"))
         .with_hint(format!("choose {}, or {read}", names.join(", ")))
 }

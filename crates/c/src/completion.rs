@@ -1,10 +1,10 @@
 //! Completions: depth, its errors, and what the points say of each other.
 
 use crate::completer::{fit_of, lsdc_fit};
-use crate::fault::{Fault, Result, guard};
+use crate::error::{Error, Result, guard};
 use crate::handles::Handles;
 use crate::input::checked_size;
-use crate::memory::{self, Rows, Versioned};
+use crate::memory::{self, RowLayout, Versioned};
 use crate::pool::Pooled;
 use crate::status::lsdc_status;
 use lsdc_core::{Completion, Observations, Outlier};
@@ -17,12 +17,12 @@ pub struct lsdc_completion {
 
 /// A completion, and the points that it was fitted to.
 #[derive(Clone)]
-pub(crate) struct Fitted {
+pub(crate) struct StoredCompletion {
     pub(crate) completion: Completion,
     pub(crate) points: Arc<Observations>,
 }
 
-pub(crate) static COMPLETIONS: Handles<lsdc_completion, Pooled<Fitted>> =
+pub(crate) static COMPLETIONS: Handles<lsdc_completion, Pooled<StoredCompletion>> =
     Handles::new("completion");
 
 /// Statistics of a fit. Set `struct_size` to `sizeof(lsdc_report)`.
@@ -114,16 +114,10 @@ pub unsafe extern "C" fn lsdc_completion_depth(
     stride: usize,
 ) -> lsdc_status {
     let map = |found: &Completion| found.depth_at(width, height);
-    // SAFETY: the caller's promise.
-    guard(|| unsafe {
-        write_map(
-            completion,
-            map,
-            [width, height],
-            depth,
-            [size, stride],
-            "depth",
-        )
+    guard(|| {
+        let (shape, buffer) = ([width, height], [size, stride]);
+        // SAFETY: the caller's promise.
+        unsafe { write_map(completion, map, shape, depth, buffer, "depth") }
     })
 }
 
@@ -141,9 +135,9 @@ pub unsafe extern "C" fn lsdc_completion_standard_deviation(
 ) -> lsdc_status {
     let map = |found: &Completion| found.standard_deviation_at(width, height);
     guard(|| {
-        let (shape, room) = ([width, height], [size, stride]);
+        let (shape, buffer) = ([width, height], [size, stride]);
         // SAFETY: the caller's promise.
-        unsafe { write_map(completion, map, shape, deviation, room, "deviation") }
+        unsafe { write_map(completion, map, shape, deviation, buffer, "deviation") }
     })
 }
 
@@ -156,11 +150,8 @@ pub unsafe extern "C" fn lsdc_completion_interval(
     deviations: *mut f64,
 ) -> lsdc_status {
     guard(|| {
-        let found = COMPLETIONS
-            .get(completion)?
-            .value
-            .completion
-            .interval(level)?;
+        let fitted = COMPLETIONS.get(completion)?.value;
+        let found = fitted.completion.interval(level)?;
         // SAFETY: the caller's promise.
         unsafe { memory::put(deviations, found, "deviations") }
     })
@@ -178,7 +169,7 @@ pub unsafe extern "C" fn lsdc_completion_depth_at(
 ) -> lsdc_status {
     guard(|| {
         let fitted = COMPLETIONS.get(completion)?;
-        let rows = Rows::new("positions", count, size_of::<f64>(), 0)?;
+        let rows = RowLayout::new("positions", count, size_of::<f64>(), 0)?;
         // SAFETY: the caller's promise.
         let (x, y) = unsafe { (memory::gather(x, rows, "x")?, memory::gather(y, rows, "y")?) };
         let places: Vec<[f64; 2]> = x.into_iter().zip(y).map(|(x, y)| [x, y]).collect();
@@ -295,17 +286,15 @@ pub unsafe extern "C" fn lsdc_completion_outliers(
         let fitted = COMPLETIONS.get(completion)?;
         if outlier_size != size_of::<lsdc_outlier>() {
             let message = format!("`outlier_size` is {outlier_size}");
-            return Err(Fault::argument(message).with_hint("set it to sizeof(lsdc_outlier)"));
+            return Err(Error::argument(message).with_hint("set it to sizeof(lsdc_outlier)"));
         }
         if outliers.is_null() && capacity > 0 {
-            return Err(Fault::null("outliers"));
+            return Err(Error::null("outliers"));
         }
         let points = &fitted.value.points;
         let found = fitted.run(|fitted| Ok(fitted.completion.outliers()?))?;
-        let found: Vec<_> = found
-            .iter()
-            .map(|found| outlier_of(found, points))
-            .collect();
+        let found = found.iter().map(|found| outlier_of(found, points));
+        let found: Vec<_> = found.collect();
         let some = &found[..found.len().min(capacity)];
         // SAFETY: the caller's promise.
         unsafe {
@@ -378,11 +367,11 @@ unsafe fn write_map(
 ) -> Result<()> {
     let fitted = COMPLETIONS.get(completion)?;
     if data.is_null() {
-        return Err(Fault::null(what));
+        return Err(Error::null(what));
     }
     let name = format!("`{what}`");
     checked_size(&name, width, height)?;
-    let rows = Rows::new(&name, height, width * size_of::<f32>(), stride)?.fit(&name, size)?;
+    let rows = RowLayout::new(&name, height, width * size_of::<f32>(), stride)?.fit(&name, size)?;
     let found = fitted.run(|fitted| Ok(map(&fitted.completion)?))?;
     // SAFETY: the rows lie within `size` bytes.
     unsafe { memory::scatter(found.values(), data, rows, what) }
@@ -399,12 +388,12 @@ unsafe fn write_points(
 ) -> Result<()> {
     let fitted = COMPLETIONS.get(completion)?;
     if data.is_null() {
-        return Err(Fault::null(what));
+        return Err(Error::null(what));
     }
     let given = fitted.value.completion.report().given;
     if count != given {
         let message = format!("`{what}` has {count} values for {given} points");
-        return Err(Fault::buffer(message).with_hint("`count` is `given` of the report"));
+        return Err(Error::buffer(message).with_hint("`count` is `given` of the report"));
     }
     let found = fitted.run(|fitted| Ok(values(&fitted.completion)))?;
     // SAFETY: the caller's promise.
@@ -419,7 +408,7 @@ unsafe fn write_values<T: memory::Plain>(
     count: usize,
     what: &str,
 ) -> Result<()> {
-    let rows = Rows::new(what, count, size_of::<T>(), 0)?;
+    let rows = RowLayout::new(what, count, size_of::<T>(), 0)?;
     // SAFETY: the caller's promise.
     unsafe { memory::scatter(values, data, rows, what) }
 }

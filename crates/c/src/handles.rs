@@ -3,7 +3,7 @@
 //! A number is given out once. Hence a handle that was freed, twice or while another thread uses it, and one
 //! that was never made, are found out; none is ever followed.
 
-use crate::fault::{Fault, Result};
+use crate::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::marker::PhantomData;
 use std::ptr::without_provenance_mut;
@@ -43,11 +43,11 @@ impl<C, T: Clone> Handles<C, T> {
     /// What a handle stands for: a share of it, which lives on if the handle is freed.
     pub(crate) fn get(&self, handle: *const C) -> Result<T> {
         if handle.is_null() {
-            return Err(Fault::null(self.what));
+            return Err(Error::null(self.what));
         }
         let live = self.live.read().unwrap_or_else(PoisonError::into_inner);
         let value = live.get(&handle.addr());
-        value.cloned().ok_or_else(|| Fault::handle(self.what))
+        value.cloned().ok_or_else(|| Error::handle(self.what))
     }
 
     /// Frees a handle; null is none.
@@ -59,7 +59,7 @@ impl<C, T: Clone> Handles<C, T> {
         let value = live.remove(&handle.addr());
         // What it stands for may take a while to go.
         drop(live);
-        value.map(drop).ok_or_else(|| Fault::handle(self.what))
+        value.map(drop).ok_or_else(|| Error::handle(self.what))
     }
 }
 

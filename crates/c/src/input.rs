@@ -1,9 +1,9 @@
 //! Images, depths and guides of the caller.
 
-use crate::fault::{Fault, Result};
-use crate::memory::{self, Plain, Rows, Versioned};
+use crate::error::{Error, Result};
+use crate::memory::{self, Plain, RowLayout, Versioned};
 use lsdc_core::{Channels, DepthGuide, GuideKind, Image, MAX_PIXELS, Observation, Observations};
-use lsdc_files::doubts::{Known, Numbers, leave_out_marks};
+use lsdc_files::checks::{NumberFormat, NumberType, leave_out_marks};
 use std::ffi::c_void;
 
 /// The order and type of the colours of a pixel: one of the constants `LSDC_...8` and `LSDC_...F32`.
@@ -140,7 +140,7 @@ pub const LSDC_GUIDE_LOG: lsdc_guide_kind = 2;
 pub(crate) fn unused(reserved: u32, what: &str) -> Result<()> {
     match reserved {
         0 => Ok(()),
-        _ => Err(Fault::argument(format!("`{what}->reserved` is not 0"))),
+        _ => Err(Error::argument(format!("`{what}->reserved` is not 0"))),
     }
 }
 
@@ -150,9 +150,9 @@ fn grid(
     [width, height, bytes]: [usize; 3],
     stride: usize,
     size: usize,
-) -> Result<Rows> {
+) -> Result<RowLayout> {
     checked_size(what, width, height)?;
-    Rows::new(what, height, width * bytes, stride)?.fill(what, size)
+    RowLayout::new(what, height, width * bytes, stride)?.fill(what, size)
 }
 
 /// Checks that something of this size can be used.
@@ -160,7 +160,7 @@ pub(crate) fn checked_size(what: &str, width: usize, height: usize) -> Result<()
     match width.checked_mul(height) {
         Some(1..=MAX_PIXELS) => Ok(()),
         _ => Err(
-            Fault::buffer(format!("{what} cannot have {width}x{height} pixels"))
+            Error::buffer(format!("{what} cannot have {width}x{height} pixels"))
                 .with_hint(format!("a size is from 1x1 to {MAX_PIXELS} pixels")),
         ),
     }
@@ -199,11 +199,7 @@ impl Pixels {
             LSDC_GREY_F32 => (Channels::Gray, true),
             LSDC_RGBA_F32 => (Channels::Rgba, true),
             LSDC_BGRA_F32 => (Channels::Bgra, true),
-            other => {
-                return Err(Fault::argument(format!(
-                    "`image->format` {other} is unknown"
-                )));
-            }
+            other => return Err(Error::unknown("image->format", other)),
         };
         // SAFETY: the caller's promise.
         let values = unsafe {
@@ -243,17 +239,17 @@ impl lsdc_image {
 }
 
 /// A map without gaps.
-pub(crate) struct Map {
+pub(crate) struct MapValues {
     width: usize,
     height: usize,
     /// As they are stored.
     values: Vec<f32>,
-    numbers: Numbers,
+    numbers: NumberType,
     /// Metres to a stored one.
     unit: f64,
 }
 
-impl Map {
+impl MapValues {
     /// Copies the values of the caller; `what` is the name of the argument.
     ///
     /// # Safety
@@ -268,23 +264,19 @@ impl Map {
             LSDC_F32 | LSDC_U16 if sound(map.unit) => map.unit,
             LSDC_F32 | LSDC_U16 => {
                 let message = format!("`{what}->unit` is {}, but must be above 0", map.unit);
-                return Err(Fault::argument(message)
+                return Err(Error::argument(message)
                     .with_hint("say what 1 stands for in metres: 0.001 for millimetres"));
             }
-            other => {
-                return Err(Fault::argument(format!(
-                    "`{what}->format` {other} is unknown"
-                )));
-            }
+            other => return Err(Error::unknown(&format!("{what}->format"), other)),
         };
         // SAFETY: the caller's promise.
         let (values, numbers) = unsafe {
             if map.format == LSDC_U16 {
                 let integers = map.gathered::<u16>(what)?;
                 let values = integers.into_iter().map(f32::from).collect();
-                (values, Numbers::unsigned(16))
+                (values, NumberType::unsigned(16))
             } else {
-                (map.gathered(what)?, Numbers::Floats)
+                (map.gathered(what)?, NumberType::Floats)
             }
         };
         Ok(Self {
@@ -323,10 +315,10 @@ impl Map {
                     "{what} has {}x{} pixels, but the image {width}x{height}",
                     map.width, map.height
                 );
-                return Err(Fault::buffer(message).with_hint("give points at their positions"));
+                return Err(Error::buffer(message).with_hint("give points at their positions"));
             }
         }
-        let known = Known {
+        let known = NumberFormat {
             numbers: self.numbers,
             metres: self.unit,
             declared: None,
@@ -349,11 +341,7 @@ impl Map {
             LSDC_GUIDE_DEPTH => GuideKind::Depth,
             LSDC_GUIDE_DISPARITY => GuideKind::Disparity,
             LSDC_GUIDE_LOG => GuideKind::Log,
-            other => {
-                return Err(Fault::argument(format!(
-                    "`options->guide_kind` {other} is unknown"
-                )));
-            }
+            other => return Err(Error::unknown("options->guide_kind", other)),
         };
         let values: Vec<f32> = self.values.iter().map(|&v| self.metres(v)).collect();
         Ok(DepthGuide::new(kind, self.width, self.height, &values)?)
@@ -383,18 +371,15 @@ pub(crate) unsafe fn observations(points: *const lsdc_points) -> Result<Observat
             "{} points are more than the {MAX_PIXELS} allowed",
             points.count
         );
-        return Err(Fault::buffer(message));
+        return Err(Error::buffer(message));
     }
     // SAFETY: the caller's promise; a stride that is too short for the largest values is refused before others are read.
     let (x, y, depth, sigma) = unsafe {
         let x = points.column(points.x, "points->x")?;
         let y = points.column(points.y, "points->y")?;
         let depth = points.column(points.depth, "points->depth")?;
-        let sigma = if points.sigma.is_null() {
-            None
-        } else {
-            Some(points.column(points.sigma, "points->sigma")?)
-        };
+        let sigma = |sigma| points.column(sigma, "points->sigma");
+        let sigma = memory::unless_null(points.sigma, sigma)?;
         (x, y, depth, sigma)
     };
     let observation = |i: usize| Observation {
@@ -410,7 +395,7 @@ impl lsdc_points {
     /// # Safety
     /// `first` is null or leads to `count` values `stride` bytes apart, which nobody writes meanwhile.
     unsafe fn column<T: Plain>(&self, first: *const T, what: &str) -> Result<Vec<T>> {
-        let rows = Rows::new(
+        let rows = RowLayout::new(
             &format!("`{what}`"),
             self.count,
             size_of::<T>(),

@@ -3,7 +3,7 @@
 //! Functions enter in `completer`, `scene`, `completion` and `status`. Each reads the caller's memory
 //! (`memory`) into types of Rust, does its work on them, and writes the results back; handles are looked up
 //! in tables (`handles`), so that none is ever followed as a pointer. Whatever fails becomes a status code
-//! (`fault`), and a message that the thread can ask for (`last_error`).
+//! (`error`), and a message that the thread can ask for (`last_error`).
 //!
 //! `cargo run --manifest-path crates/c/header/Cargo.toml` writes `include/lsdc.h` from the types, constants
 //! and comments here.
@@ -19,7 +19,7 @@ mod abi;
 mod alignment;
 mod completer;
 mod completion;
-mod fault;
+mod error;
 mod handles;
 mod input;
 mod last_error;

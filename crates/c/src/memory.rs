@@ -4,7 +4,7 @@
 //! matters. That pointers lead to as many bytes as their sizes say is the caller's promise, and cannot be
 //! checked here.
 
-use crate::fault::{Fault, Result};
+use crate::error::{Error, Result};
 use std::ffi::{CStr, c_char};
 use std::mem::MaybeUninit;
 use std::path::PathBuf;
@@ -38,7 +38,7 @@ pub(crate) unsafe trait Versioned: Copy {
 
 /// How rows lie in a buffer, in bytes.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Rows {
+pub(crate) struct RowLayout {
     count: usize,
     /// Bytes of a row.
     row: usize,
@@ -46,7 +46,7 @@ pub(crate) struct Rows {
     stride: usize,
 }
 
-impl Rows {
+impl RowLayout {
     /// `count` rows of `row` bytes, `stride` bytes apart (without gaps if that is 0). `what` names them in
     /// errors.
     pub(crate) fn new(what: &str, count: usize, row: usize, stride: usize) -> Result<Self> {
@@ -55,7 +55,7 @@ impl Rows {
             let message =
                 format!("rows of {what} are {row} bytes long and overlap, {stride} bytes apart");
             return Err(
-                Fault::buffer(message).with_hint("strides are in bytes; 0 means without gaps")
+                Error::buffer(message).with_hint("strides are in bytes; 0 means without gaps")
             );
         }
         let rows = Self { count, row, stride };
@@ -64,7 +64,7 @@ impl Rows {
             _ => {
                 let message =
                     format!("{count} rows of {what}, {stride} bytes apart, exceed all memory");
-                Err(Fault::buffer(message))
+                Err(Error::buffer(message))
             }
         }
     }
@@ -84,7 +84,7 @@ impl Rows {
         }
         let needed = self.span();
         let message = format!("{what} takes {needed} bytes, but its buffer has {size}");
-        Err(Fault::buffer(message))
+        Err(Error::buffer(message))
     }
 
     /// Checks that they fit into `size` bytes, and that nothing follows: a longer buffer has another format
@@ -94,7 +94,7 @@ impl Rows {
         if size > all {
             let message = format!("{what} takes {all} bytes, but its buffer has {size}");
             let hint = "set `stride` if there are gaps between rows, and check `format`";
-            return Err(Fault::buffer(message).with_hint(hint));
+            return Err(Error::buffer(message).with_hint(hint));
         }
         self.fit(what, size)
     }
@@ -103,22 +103,34 @@ impl Rows {
 /// Checks a pointer to `bytes` bytes.
 fn check(pointer: *const u8, bytes: usize, what: &str) -> Result<()> {
     if pointer.is_null() {
-        return Err(Fault::null(what));
+        return Err(Error::null(what));
     }
     match pointer.addr().checked_add(bytes) {
         Some(_) => Ok(()),
-        None => Err(Fault::buffer(format!(
+        None => Err(Error::buffer(format!(
             "`{what}` does not have {bytes} bytes: memory ends before"
         ))),
     }
+}
+
+/// Reads what a pointer of the caller leads to, unless it is null.
+pub(crate) fn unless_null<T, R>(
+    pointer: *const T,
+    read: impl FnOnce(*const T) -> Result<R>,
+) -> Result<Option<R>> {
+    (!pointer.is_null()).then(|| read(pointer)).transpose()
 }
 
 /// Copies rows of the caller into a vector without gaps.
 ///
 /// # Safety
 /// `data` is null or leads to memory with these rows, which nobody writes meanwhile.
-pub(crate) unsafe fn gather<T: Plain>(data: *const T, rows: Rows, what: &str) -> Result<Vec<T>> {
-    let Rows { count, row, stride } = rows;
+pub(crate) unsafe fn gather<T: Plain>(
+    data: *const T,
+    rows: RowLayout,
+    what: &str,
+) -> Result<Vec<T>> {
+    let RowLayout { count, row, stride } = rows;
     let bytes = row * count;
     let length = bytes / size_of::<T>();
     debug_assert_eq!(length * size_of::<T>(), bytes);
@@ -129,7 +141,7 @@ pub(crate) unsafe fn gather<T: Plain>(data: *const T, rows: Rows, what: &str) ->
     check(data, rows.span(), what)?;
     let mut values: Vec<T> = Vec::new();
     if values.try_reserve_exact(length).is_err() {
-        return Err(Fault::memory(bytes));
+        return Err(Error::memory(bytes));
     }
     let target = values.as_mut_ptr().cast::<u8>();
     for y in 0..count {
@@ -151,7 +163,7 @@ pub(crate) unsafe fn gather<T: Plain>(data: *const T, rows: Rows, what: &str) ->
 pub(crate) unsafe fn scatter<T: Plain>(
     values: &[T],
     data: *mut T,
-    rows: Rows,
+    rows: RowLayout,
     what: &str,
 ) -> Result<()> {
     if values.is_empty() {
@@ -181,7 +193,7 @@ pub(crate) unsafe fn structure<T: Versioned>(from: *const T, what: &str) -> Resu
         // SAFETY: the structure has `size` bytes.
         if unsafe { from.add(place).read() } != 0 {
             let message = format!("`{what}` uses a field that this version of lsdc does not know");
-            return Err(Fault::argument(message).with_hint("install the version of its header"));
+            return Err(Error::argument(message).with_hint("install the version of its header"));
         }
     }
     let mut value = MaybeUninit::<T>::zeroed();
@@ -230,7 +242,7 @@ pub(crate) unsafe fn fill<T: Versioned>(to: *mut T, value: &T, what: &str) -> Re
 /// `structure` is null or leads to memory for at least its `struct_size`.
 unsafe fn struct_size<T: Versioned>(structure: *const T, what: &str) -> Result<usize> {
     if structure.is_null() {
-        return Err(Fault::null(what));
+        return Err(Error::null(what));
     }
     // SAFETY: every structure begins with its size.
     let size = unsafe { structure.cast::<usize>().read_unaligned() };
@@ -238,7 +250,7 @@ unsafe fn struct_size<T: Versioned>(structure: *const T, what: &str) -> Result<u
         return Ok(size);
     }
     let message = format!("`{what}->struct_size` is {size}, which is no size of that structure");
-    Err(Fault::argument(message).with_hint("set it to `sizeof` the structure"))
+    Err(Error::argument(message).with_hint("set it to `sizeof` the structure"))
 }
 
 /// Writes a value of the caller.
@@ -259,7 +271,7 @@ pub(crate) unsafe fn put<T: Copy>(to: *mut T, value: T, what: &str) -> Result<()
 pub(crate) unsafe fn text(from: *const c_char, what: &str) -> Result<String> {
     // SAFETY: the caller's promise.
     let bytes = unsafe { string(from, what) }?;
-    String::from_utf8(bytes).map_err(|_| Fault::argument(format!("`{what}` is not UTF-8")))
+    String::from_utf8(bytes).map_err(|_| Error::argument(format!("`{what}` is not UTF-8")))
 }
 
 /// The name of a file: any bytes on Unix, otherwise UTF-8.
@@ -283,7 +295,7 @@ pub(crate) unsafe fn path(from: *const c_char, what: &str) -> Result<PathBuf> {
 /// As for `text`.
 unsafe fn string(from: *const c_char, what: &str) -> Result<Vec<u8>> {
     if from.is_null() {
-        return Err(Fault::null(what));
+        return Err(Error::null(what));
     }
     // SAFETY: not null, and the caller's promise.
     Ok(unsafe { CStr::from_ptr(from) }.to_bytes().to_vec())

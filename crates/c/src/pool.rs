@@ -1,11 +1,9 @@
 //! Threads.
 
-use crate::fault::{Fault, Result};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use crate::error::{Error, Result};
+use lsdc_core::thread_pool;
+use rayon::ThreadPool;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
-
-/// Threads of a pool.
-const MOST: usize = 4096;
 
 /// The threads of a completer, and the process in which they are: a fork has none of them.
 #[derive(Clone)]
@@ -22,31 +20,17 @@ impl Pool {
     pub(crate) fn new(threads: usize) -> Result<Self> {
         let process = std::process::id();
         if threads > 0 {
-            let threads = started(threads)?;
+            let threads = thread_pool(threads)?;
             return Ok(Self { threads, process });
         }
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         let threads = match shared.0.upgrade() {
             Some(threads) if shared.1 == process => threads,
-            _ => started(0)?,
+            _ => thread_pool(0)?,
         };
         *shared = (Arc::downgrade(&threads), process);
         Ok(Self { threads, process })
     }
-}
-
-fn started(threads: usize) -> Result<Arc<ThreadPool>> {
-    if threads > MOST {
-        let message = format!("a completer has at most {MOST} threads, not {threads}");
-        return Err(Fault::settings(message));
-    }
-    let named = |i| format!("lsdc-{i}");
-    let pool = ThreadPoolBuilder::new().num_threads(threads);
-    let failed = |error| Fault::settings(format!("{threads} threads cannot be started: {error}"));
-    pool.thread_name(named)
-        .build()
-        .map(Arc::new)
-        .map_err(failed)
 }
 
 /// A value, and the threads that work on it.
@@ -61,7 +45,7 @@ impl<T: Sync> Pooled<T> {
     pub(crate) fn run<R: Send>(&self, work: impl FnOnce(&T) -> Result<R> + Send) -> Result<R> {
         // Nobody would do it.
         if self.pool.process != std::process::id() {
-            return Err(Fault::forked());
+            return Err(Error::forked());
         }
         self.pool.threads.install(|| work(&self.value))
     }

@@ -1,11 +1,11 @@
 //! Scenes: what the network makes of an image, ready for any points.
 
 use crate::completer::{COMPLETERS, lsdc_completer};
-use crate::completion::{COMPLETIONS, Fitted, lsdc_completion};
-use crate::fault::{Fault, Result, guard};
+use crate::completion::{COMPLETIONS, StoredCompletion, lsdc_completion};
+use crate::error::{Error, Result, guard};
 use crate::handles::Handles;
 use crate::input::{
-    Map, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points, observations, unused,
+    MapValues, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points, observations, unused,
 };
 use crate::memory::{self, Versioned};
 use crate::pool::Pooled;
@@ -72,12 +72,9 @@ pub unsafe extern "C" fn lsdc_scene_create(
         let (pixels, options) =
             unsafe { (Pixels::read(image)?, memory::optional(options, "options")?) };
         unused(options.reserved, "options")?;
-        let guide = if options.guide.is_null() {
-            None
-        } else {
-            // SAFETY: the caller's promise.
-            Some(unsafe { Map::read(options.guide, "options->guide") }?)
-        };
+        // SAFETY: the caller's promise.
+        let guide = |guide| unsafe { MapValues::read(guide, "options->guide") };
+        let guide = memory::unless_null(options.guide, guide)?;
         let value = completer.run(|completer| {
             let image = pixels.image()?;
             Ok(match guide {
@@ -101,7 +98,7 @@ pub unsafe extern "C" fn lsdc_scene_size(
     guard(|| {
         let scene = SCENES.get(scene)?.value;
         if height.is_null() {
-            return Err(Fault::null("height"));
+            return Err(Error::null("height"));
         }
         // SAFETY: the caller's promise.
         unsafe {
@@ -143,13 +140,9 @@ pub unsafe extern "C" fn lsdc_scene_complete_map(
 ) -> lsdc_status {
     let points = |scene: &Scene| {
         // SAFETY: the caller's promise.
-        let depth = unsafe { Map::read(depth, "depth") }?;
-        let sigma = if sigma.is_null() {
-            None
-        } else {
-            // SAFETY: the caller's promise.
-            Some(unsafe { Map::read(sigma, "sigma") }?)
-        };
+        let depth = unsafe { MapValues::read(depth, "depth") }?;
+        // SAFETY: the caller's promise.
+        let sigma = memory::unless_null(sigma, |sigma| unsafe { MapValues::read(sigma, "sigma") })?;
         depth.observations(sigma, (scene.width(), scene.height()))
     };
     // SAFETY: the caller's promise.
@@ -176,20 +169,17 @@ unsafe fn complete(
     let scene = SCENES.get(scene)?;
     // SAFETY: the caller's promise.
     let options = unsafe { memory::optional(options, "options") }?;
-    let near = if options.previous.is_null() {
-        None
-    } else {
-        Some(COMPLETIONS.get(options.previous)?.value.completion)
-    };
+    let previous = memory::unless_null(options.previous, |previous| COMPLETIONS.get(previous))?;
+    let previous = previous.map(|previous| previous.value.completion);
     let points = points(&scene.value)?;
-    let fitted = scene.run(|scene| {
-        Ok(match &near {
+    let found = scene.run(|scene| {
+        Ok(match &previous {
             None => scene.complete(&points)?,
-            Some(near) => scene.complete_near(&points, near.weights())?,
+            Some(previous) => scene.complete_near(&points, previous.weights())?,
         })
     })?;
-    let value = Fitted {
-        completion: fitted,
+    let value = StoredCompletion {
+        completion: found,
         points: points.into(),
     };
     let pool = scene.pool;

@@ -42,7 +42,7 @@ pub extern "C" fn lsdc_last_hint() -> *const c_char {
     last_error::last_hint()
 }
 
-/// The version of the library, as "0.1.0". The text lives as long as the program.
+/// The version of the library, as "0.2.0". The text lives as long as the program.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_version() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()

@@ -8,7 +8,7 @@ use faer::{Conj, Mat};
 /// A square sparse system, made entry by entry; entries of the same place are added.
 pub(super) struct Equations {
     entries: Vec<Triplet<usize, usize, f64>>,
-    right: Vec<f64>,
+    right_hand_side: Vec<f64>,
 }
 
 impl Equations {
@@ -16,7 +16,7 @@ impl Equations {
     pub(super) fn new(unknowns: usize) -> Self {
         Self {
             entries: Vec::with_capacity(6 * unknowns),
-            right: vec![0.0; unknowns],
+            right_hand_side: vec![0.0; unknowns],
         }
     }
 
@@ -27,25 +27,18 @@ impl Equations {
 
     /// Adds to the right-hand side.
     pub(super) fn add_right(&mut self, row: usize, value: f64) {
-        self.right[row] += value;
+        self.right_hand_side[row] += value;
     }
 
-    /// The answer of any regular system.
+    /// The solution of a regular system.
     pub(super) fn solve(self) -> Result<Vec<f64>> {
-        let matrix = self.matrix()?;
+        let n = self.right_hand_side.len();
+        let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(n, n, &self.entries);
+        let matrix = matrix.map_err(|_| Error::Singular)?;
         let factor = matrix.sp_lu().map_err(|_| Error::Singular)?;
-        Ok(self.answer(|right| factor.solve_in_place_with_conj(Conj::No, right.as_mut())))
-    }
-
-    fn matrix(&self) -> Result<SparseColMat<usize, f64>> {
-        let n = self.right.len();
-        SparseColMat::try_new_from_triplets(n, n, &self.entries).map_err(|_| Error::Singular)
-    }
-
-    fn answer(&self, solve: impl FnOnce(&mut Mat<f64>)) -> Vec<f64> {
-        let mut right = Mat::from_fn(self.right.len(), 1, |i, _| self.right[i]);
-        solve(&mut right);
-        right.col_as_slice(0).to_vec()
+        let mut solution = Mat::from_fn(n, 1, |i, _| self.right_hand_side[i]);
+        factor.solve_in_place_with_conj(Conj::No, solution.as_mut());
+        Ok(solution.col_as_slice(0).to_vec())
     }
 }
 
@@ -54,16 +47,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_small_system_is_answered() {
-        // [4 1; 1 3] x = [1, 2] has the answer [1/11, 7/11].
+    fn a_small_system_is_solved() {
+        // [4 1; 1 3] x = [1, 2] has the solution [1/11, 7/11].
         let mut equations = Equations::new(2);
         for (row, column, value) in [(0, 0, 4.0), (1, 0, 1.0), (0, 1, 1.0), (1, 1, 3.0)] {
             equations.add(row, column, value);
         }
         equations.add_right(0, 1.0);
         equations.add_right(1, 2.0);
-        let answer = equations.solve().unwrap();
-        assert!((answer[0] - 1.0 / 11.0).abs() < 1e-12);
-        assert!((answer[1] - 7.0 / 11.0).abs() < 1e-12);
+        let solution = equations.solve().unwrap();
+        assert!((solution[0] - 1.0 / 11.0).abs() < 1e-12);
+        assert!((solution[1] - 7.0 / 11.0).abs() < 1e-12);
     }
 }

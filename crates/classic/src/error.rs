@@ -22,7 +22,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// What to do about it, where that is known.
+    /// Advice, if there is any.
     pub fn hint(&self) -> Option<&str> {
         match self {
             Self::NoPoints => Some("give at least one pixel a positive, finite depth"),

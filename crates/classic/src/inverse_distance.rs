@@ -4,21 +4,21 @@ use super::neighbours::{Neighbours, each_pixel};
 use crate::error::Result;
 use lsdc_core::DepthMap;
 
-/// Points that take part in a pixel.
+/// Nearest points that a pixel depends on.
 const NEAREST: usize = 8;
 
 pub(super) fn inverse_distance(sparse: &DepthMap) -> Result<DepthMap> {
     let neighbours = Neighbours::new(sparse);
     each_pixel(sparse, |x, y| {
-        let near = neighbours.nearest(x, y, NEAREST);
-        let depth = |i: usize| f64::from(neighbours.points[i].depth);
-        if near[0].0 == 0.0 {
-            return depth(near[0].1) as f32;
+        let nearest = neighbours.nearest(x, y, NEAREST);
+        let depth = |i: usize| neighbours.points[i].depth;
+        if nearest[0].0 == 0.0 {
+            return depth(nearest[0].1);
         }
         let (mut sum, mut weights) = (0.0, 0.0);
-        for (square, i) in near {
+        for (square, i) in nearest {
             let weight = 1.0 / square;
-            sum += weight * depth(i);
+            sum += weight * f64::from(depth(i));
             weights += weight;
         }
         (sum / weights) as f32

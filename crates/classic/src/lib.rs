@@ -42,14 +42,14 @@ pub enum Classic {
     Nearest,
     /// Linear interpolation over the Delaunay triangulation, nearest outside its hull.
     Linear,
-    /// The same of inverse depth: exact on planes that a pinhole camera sees.
+    /// The same for inverse depth: exact on planes in front of a pinhole camera.
     LinearInverse,
     /// Weighted mean of the eight nearest points, by the inverse square of their distance (Shepard
     /// 1968).
     InverseDistance,
     /// Thin-plate spline (Duchon 1977).
     Spline,
-    /// Weighted least squares: neighbours alike in colour have alike depths (Farbman et al. 2008).
+    /// Weighted least squares: neighbours of similar colours have similar depths (Farbman et al. 2008).
     Smooth,
     /// Colorisation (Levin, Lischinski, Weiss 2004), which filled NYU's depths.
     Colorisation,
@@ -92,7 +92,7 @@ impl Classic {
     /// large.
     ///
     /// # Errors
-    /// No point, or a system of equations without an answer.
+    /// No point, or a system of equations without a solution.
     pub fn complete(self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         if sparse.count() == 0 {
             return Err(Error::NoPoints);
@@ -109,6 +109,12 @@ impl Classic {
             Self::Morphology => morphology::morphology(sparse),
         }
     }
+}
+
+/// The luma of all pixels, from 0 to 255.
+fn grey_values(rgb: &RgbImage) -> impl Iterator<Item = f64> {
+    rgb.pixels()
+        .map(|p| 0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2]))
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 //! Linear interpolation of depth or inverse depth over the Delaunay triangulation of the points; nearest point outside
-//! their hull. The honest baselines of the field.
+//! their hull.
 
 use super::neighbours::Neighbours;
 use crate::error::Result;
@@ -15,8 +15,8 @@ pub(super) enum Quantity {
 }
 
 impl Quantity {
-    /// From depth to the quantity, and back: both ways are the same.
-    fn turned(self, depth: f64) -> f64 {
+    /// Converts a depth to the quantity, or the quantity to a depth: both are the same function.
+    fn convert(self, depth: f64) -> f64 {
         match self {
             Self::Depth => depth,
             Self::Inverse => 1.0 / depth,
@@ -26,35 +26,34 @@ impl Quantity {
 
 pub(super) fn linear(sparse: &DepthMap, quantity: Quantity) -> Result<DepthMap> {
     let neighbours = Neighbours::of(edge_points(sparse));
-    let points = &neighbours.points;
     let (width, height) = (sparse.width(), sparse.height());
     let unknown = |&depth: &f32| if depth > 0.0 { depth } else { f32::NAN };
     let mut values: Vec<f32> = sparse.values().iter().map(unknown).collect();
-    let corners: Vec<_> = points
-        .iter()
-        .map(|p| delaunator::Point {
-            x: p.x as f64,
-            y: p.y as f64,
-        })
-        .collect();
-    for triangle in triangulate(&corners).triangles.chunks_exact(3) {
-        fill(
-            &mut values,
-            sparse,
-            std::array::from_fn(|i| points[triangle[i]]),
-            quantity,
-        );
+    for triangle in triangles(&neighbours.points) {
+        fill(&mut values, sparse, triangle, quantity);
     }
     for (i, value) in values.iter_mut().enumerate() {
         if value.is_nan() {
-            let (_, nearest) = neighbours.nearest(i % width, i / width, 1)[0];
-            *value = points[nearest].depth;
+            *value = neighbours.nearest_depth(i % width, i / width);
         }
     }
     Ok(DepthMap::new(width, height, values)?)
 }
 
-/// Returns the measurements beside which a pixel has none: all others decide no other pixel. If the four pixels around
+/// Returns the Delaunay triangulation.
+fn triangles(points: &[Point]) -> Vec<[Point; 3]> {
+    let corners = points.iter().map(|p| delaunator::Point {
+        x: p.x as f64,
+        y: p.y as f64,
+    });
+    let indices = triangulate(&corners.collect::<Vec<_>>()).triangles;
+    let triangles = indices.as_chunks::<3>().0.iter();
+    triangles
+        .map(|corners| corners.map(|i| points[i]))
+        .collect()
+}
+
+/// Returns the measurements beside a pixel without one: no pixel depends on the others. If the four pixels around
 /// a measurement are measured, its Voronoi cell is its own pixel (open to the outside at the border of the image), so
 /// that its Delaunay triangles lie in unit squares and cover no pixel without a measurement.
 fn edge_points(sparse: &DepthMap) -> Vec<Point> {
@@ -77,7 +76,7 @@ fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3], quantity: 
     if area == 0.0 {
         return;
     }
-    let [at_a, at_b, at_c] = [a, b, c].map(|p| quantity.turned(f64::from(p.depth)));
+    let [at_a, at_b, at_c] = [a, b, c].map(|p| quantity.convert(f64::from(p.depth)));
     let (top, bottom) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
     for y in top..=bottom {
         let (left, right) = row_of([a, b, c], y);
@@ -91,7 +90,7 @@ fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3], quantity: 
             let v = edge(c, a, px, py) / area;
             let w = 1.0 - u - v;
             if u >= -1e-9 && v >= -1e-9 && w >= -1e-9 {
-                let depth = quantity.turned(u * at_a + v * at_b + w * at_c);
+                let depth = quantity.convert(u * at_a + v * at_b + w * at_c);
                 values[pixel] = depth as f32;
             }
         }
@@ -228,17 +227,9 @@ mod tests {
         let sparse = with_holes();
         let points = edge_points(&sparse);
         assert!(4 * points.len() < 3 * sparse.count(), "{}", points.len());
-        let corners: Vec<_> = points
-            .iter()
-            .map(|p| delaunator::Point {
-                x: p.x as f64,
-                y: p.y as f64,
-            })
-            .collect();
         let all: Vec<Point> = sparse.points().collect();
         let mut covered = 0;
-        for triangle in triangulate(&corners).triangles.chunks_exact(3) {
-            let corners: [Point; 3] = std::array::from_fn(|i| points[triangle[i]]);
+        for corners in triangles(&points) {
             let mut values = vec![f32::NAN; sparse.values().len()];
             fill(&mut values, &sparse, corners, Quantity::Depth);
             let inside = values.iter().filter(|value| !value.is_nan()).count();

@@ -1,5 +1,5 @@
-//! IP-Basic (Ku, Harakeh, Waslander, CRV 2018): dilations of inverted depths, so that near wins
-//! over far, then a median and a Gaussian blur. Its sizes suit a 64-line laser scanner.
+//! IP-Basic (Ku, Harakeh, Waslander, CRV 2018): dilations of inverted depths, which keep the nearest depths, then a
+//! median and a Gaussian blur. Its sizes suit a 64-line laser scanner.
 
 use super::neighbours::Neighbours;
 use crate::error::Result;
@@ -13,17 +13,14 @@ const DIAMOND: [usize; 5] = [0, 1, 2, 1, 0];
 
 pub(super) fn morphology(sparse: &DepthMap) -> Result<DepthMap> {
     let (width, height) = (sparse.width(), sparse.height());
-    // Farther points than the method knows would change sign.
+    // Points farther than `FAR` would change sign.
     let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
     let far = FAR.max(2.0 * high);
-    let inverted = sparse.values().iter();
-    let inverted = inverted
-        .map(|&d| if d > 0.0 { far - d } else { 0.0 })
-        .collect();
+    let invert = |&depth: &f32| if depth > 0.0 { far - depth } else { 0.0 };
     let mut map = Plane {
         width,
         height,
-        values: inverted,
+        values: sparse.values().iter().map(invert).collect(),
     };
     map = map.dilated(&DIAMOND);
     map = map.dilated(&[2; 5]).eroded(&[2; 5]);
@@ -39,8 +36,7 @@ pub(super) fn morphology(sparse: &DepthMap) -> Result<DepthMap> {
                 // Pixels left empty blur into their neighbours.
                 (far - blurred.values[i]).clamp(low, high)
             } else {
-                let (_, nearest) = neighbours.nearest(i % width, i / width, 1)[0];
-                neighbours.points[nearest].depth
+                neighbours.nearest_depth(i % width, i / width)
             }
         })
         .collect();
@@ -71,18 +67,19 @@ impl Plane {
         let reach = shape.len() / 2;
         let (width, height) = (self.width, self.height);
         // Row by row first: the extreme of each run is shared by the rows of a rectangle.
-        let mut halves: Vec<usize> = shape.to_vec();
-        halves.sort_unstable();
-        halves.dedup();
-        let runs: Vec<Vec<f32>> = halves.iter().map(|&half| self.runs(half, &pick)).collect();
+        let mut half_widths = shape.to_vec();
+        half_widths.sort_unstable();
+        half_widths.dedup();
+        let runs = half_widths.iter().map(|&half| self.runs(half, &pick));
+        let runs: Vec<Vec<f32>> = runs.collect();
         let values = (0..width * height)
             .map(|i| {
                 let (x, y) = (i % width, i / width);
                 let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
                 rows.map(|v| {
                     let half = shape[v + reach - y];
-                    let which = halves.binary_search(&half).unwrap_or_default();
-                    runs[which][v * width + x]
+                    let run = half_widths.binary_search(&half).unwrap_or_default();
+                    runs[run][v * width + x]
                 })
                 .reduce(&pick)
                 .unwrap_or_default()

@@ -1,14 +1,14 @@
-//! The points of a map, by place.
+//! Nearest points of a map.
 
 use crate::error::Result;
-use lsdc_core::nearest::Cells;
+use lsdc_core::nearest::NeighbourGrid;
 use lsdc_core::{DepthMap, Point};
 use rayon::prelude::*;
 
 /// The points of a map, for the nearest ones of a pixel.
 pub(super) struct Neighbours {
     pub(super) points: Vec<Point>,
-    cells: Cells,
+    cells: NeighbourGrid,
 }
 
 impl Neighbours {
@@ -21,13 +21,19 @@ impl Neighbours {
         let places: Vec<[f64; 2]> = points.iter().map(|p| [p.x as f64, p.y as f64]).collect();
         Self {
             points,
-            cells: Cells::new(&places),
+            cells: NeighbourGrid::new(&places),
         }
     }
 
-    /// As [`Cells::nearest`].
+    /// As [`NeighbourGrid::nearest`].
     pub(super) fn nearest(&self, x: usize, y: usize, count: usize) -> Vec<(f64, usize)> {
         self.cells.nearest([x as f64, y as f64], count)
+    }
+
+    /// The depth of the nearest point.
+    pub(super) fn nearest_depth(&self, x: usize, y: usize) -> f32 {
+        let (_, i) = self.nearest(x, y, 1)[0];
+        self.points[i].depth
     }
 }
 
@@ -38,22 +44,16 @@ pub(super) fn each_pixel(
 ) -> Result<DepthMap> {
     let (width, height) = (sparse.width(), sparse.height());
     let mut values = vec![0.0; width * height];
-    values
-        .par_chunks_mut(width)
-        .enumerate()
-        .for_each(|(y, row)| {
-            for (x, v) in row.iter_mut().enumerate() {
-                *v = value(x, y);
-            }
-        });
+    let rows = values.par_chunks_mut(width).enumerate();
+    rows.for_each(|(y, row)| {
+        let pixels = row.iter_mut().enumerate();
+        pixels.for_each(|(x, pixel)| *pixel = value(x, y));
+    });
     Ok(DepthMap::new(width, height, values)?)
 }
 
 /// The depth of the nearest point.
 pub(super) fn nearest(sparse: &DepthMap) -> Result<DepthMap> {
     let neighbours = Neighbours::new(sparse);
-    each_pixel(sparse, |x, y| {
-        let (_, i) = neighbours.nearest(x, y, 1)[0];
-        neighbours.points[i].depth
-    })
+    each_pixel(sparse, |x, y| neighbours.nearest_depth(x, y))
 }

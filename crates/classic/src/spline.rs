@@ -3,8 +3,7 @@
 //! With many points, splines of overlapping neighbourhoods are blended (partition of unity), so
 //! that the time grows with their number and not with its cube.
 
-use super::neighbours::Neighbours;
-use super::neighbours::each_pixel;
+use super::neighbours::{Neighbours, each_pixel};
 use crate::error::{Error, Result};
 use faer::Mat;
 use faer::linalg::solvers::Solve as _;
@@ -35,12 +34,9 @@ pub(super) fn spline(sparse: &DepthMap) -> Result<DepthMap> {
             let corner = |i: usize, length: usize| ((i as f64 * side) as usize).min(length - 1);
             let x = corner(i % columns, sparse.width());
             let y = corner(i / columns, sparse.height());
-            let near: Vec<Point> = neighbours
-                .nearest(x, y, part)
-                .into_iter()
-                .map(|(_, i)| points[i])
-                .collect();
-            Spline::through(&near)
+            let nearest = neighbours.nearest(x, y, part).into_iter();
+            let nearest: Vec<Point> = nearest.map(|(_, i)| points[i]).collect();
+            Spline::through(&nearest)
         })
         .collect::<Result<_>>()?;
     each_pixel(sparse, |x, y| {
@@ -66,21 +62,19 @@ struct Spline {
     centres: Vec<[f64; 2]>,
     weights: Vec<f64>,
     plane: [f64; 3],
-    /// The range of the points' depths: nothing outside it is known, and a plane through few
-    /// points may lead anywhere.
+    /// The range of the points' depths: a plane through few points may extrapolate far beyond it.
     range: (f64, f64),
 }
 
 impl Spline {
     fn through(points: &[Point]) -> Result<Self> {
-        let range = points
-            .iter()
-            .fold((f64::INFINITY, 0.0_f64), |(low, high), p| {
-                (low.min(p.depth.into()), high.max(p.depth.into()))
-            });
+        let depths = points.iter().map(|p| f64::from(p.depth));
+        let range = depths.fold((f64::INFINITY, 0.0_f64), |(low, high), depth| {
+            (low.min(depth), high.max(depth))
+        });
         let centres: Vec<[f64; 2]> = points.iter().map(|p| [p.x as f64, p.y as f64]).collect();
         let n = points.len();
-        // Points on one line leave the plane open: the smallest of its slopes is taken.
+        // Points on one line do not determine the plane: a ridge selects the smallest slope.
         let tilt = 1e-9;
         let matrix = Mat::from_fn(n + 3, n + 3, |i, j| match (i < n, j < n) {
             (true, true) => radial(centres[i], centres[j]),
@@ -88,18 +82,18 @@ impl Spline {
             (false, true) => monomial(centres[j], i - n),
             (false, false) => -tilt * f64::from(i == j),
         });
-        let right = Mat::from_fn(n + 3, 1, |i, _| {
+        let right_hand_side = Mat::from_fn(n + 3, 1, |i, _| {
             points.get(i).map_or(0.0, |p| f64::from(p.depth))
         });
-        let answer = matrix.partial_piv_lu().solve(&right);
-        let answer = answer.col_as_slice(0);
-        if answer.iter().any(|v| !v.is_finite()) {
+        let solution = matrix.partial_piv_lu().solve(&right_hand_side);
+        let solution = solution.col_as_slice(0);
+        if solution.iter().any(|v| !v.is_finite()) {
             return Err(Error::Spline);
         }
         Ok(Self {
             centres,
-            weights: answer[..n].to_vec(),
-            plane: [answer[n], answer[n + 1], answer[n + 2]],
+            weights: solution[..n].to_vec(),
+            plane: [solution[n], solution[n + 1], solution[n + 2]],
             range,
         })
     }
@@ -107,15 +101,12 @@ impl Spline {
     fn at(&self, x: usize, y: usize) -> f32 {
         let place = [x as f64, y as f64];
         let plane: f64 = (0..3).map(|i| self.plane[i] * monomial(place, i)).sum();
-        let bent: f64 = self
-            .centres
-            .iter()
-            .zip(&self.weights)
-            .map(|(centre, weight)| weight * radial(*centre, place))
-            .sum();
+        let terms = self.centres.iter().zip(&self.weights);
+        let terms = terms.map(|(centre, weight)| weight * radial(*centre, place));
         let (low, high) = self.range;
-        let room = high - low;
-        (plane + bent).clamp((low - room).max(0.5 * low), high + room) as f32
+        let margin = high - low;
+        let value = plane + terms.sum::<f64>();
+        value.clamp((low - margin).max(0.5 * low), high + margin) as f32
     }
 }
 

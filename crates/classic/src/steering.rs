@@ -2,6 +2,7 @@
 //! points around each pixel, with Gaussian weights that are stretched along the edges of the image
 //! at the point. Here the edges are those of the colour image, and the points are scattered.
 
+use super::grey_values;
 use super::neighbours::{Neighbours, each_pixel};
 use crate::error::Result;
 use faer::linalg::solvers::Solve as _;
@@ -20,11 +21,14 @@ const WINDOW: usize = 3;
 /// chosen on the same frames.
 const ELONGATION: f64 = 10.0;
 
+/// Nearest points that a pixel depends on.
+const NEAREST: usize = 24;
+
 /// The exponent of the kernel's size against structure (Takeda et al.).
 const SIZE: f64 = 0.25;
 
 /// A point and the inverse covariance of its kernel.
-struct Steered {
+struct SteeringKernel {
     point: Point,
     precision: [f64; 3],
 }
@@ -34,30 +38,27 @@ pub(super) fn steering(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
     let (width, height) = (sparse.width(), sparse.height());
     let spacing = ((width * height) as f64 / neighbours.points.len() as f64).sqrt();
     let gradients = Gradients::of(rgb);
-    let kernels: Vec<Steered> = neighbours
-        .points
-        .iter()
-        .map(|&point| Steered {
-            point,
-            precision: gradients.precision(point.x, point.y, WIDTH * spacing),
-        })
-        .collect();
+    let kernels = neighbours.points.iter().map(|&point| SteeringKernel {
+        point,
+        precision: gradients.precision(point.x, point.y, WIDTH * spacing),
+    });
+    let kernels: Vec<SteeringKernel> = kernels.collect();
     let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
     each_pixel(sparse, |x, y| {
-        let near = neighbours.nearest(x, y, 24);
-        let mut sums = Moments::default();
-        for &(_, i) in &near {
-            let Steered { point, precision } = &kernels[i];
+        let nearest = neighbours.nearest(x, y, NEAREST);
+        let mut moments = Moments::default();
+        for &(_, i) in &nearest {
+            let SteeringKernel { point, precision } = &kernels[i];
             let dx = point.x as f64 - x as f64;
             let dy = point.y as f64 - y as f64;
             let [a, b, c] = precision;
-            let apart = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy;
-            let weight = (a * c - b * b).sqrt() * (-0.5 * apart).exp();
-            sums.add(weight, dx / spacing, dy / spacing, point.depth.into());
+            let square = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy;
+            let weight = (a * c - b * b).sqrt() * (-0.5 * square).exp();
+            moments.add(weight, dx / spacing, dy / spacing, point.depth.into());
         }
-        let nearest = neighbours.points[near[0].1].depth;
-        sums.value()
-            .map_or(nearest, |v| (v as f32).clamp(low, high))
+        let nearest = neighbours.points[nearest[0].1].depth;
+        let value = moments.value();
+        value.map_or(nearest, |v| (v as f32).clamp(low, high))
     })
 }
 
@@ -83,8 +84,7 @@ impl Moments {
         self.depth[2] += weight * depth * dy;
     }
 
-    /// The plane's value in the middle; its slopes are held a little, so that few points on one
-    /// side do not lead it away.
+    /// The plane's value at the pixel; a ridge on its slopes limits extrapolation from few points on one side.
     fn value(&self) -> Option<f64> {
         let Self {
             weight: w,
@@ -95,10 +95,10 @@ impl Moments {
         if *w < 1e-12 {
             return None;
         }
-        let held = 0.1 * w;
-        let matrix: Mat<f64> = mat![[*w, *x, *y], [*x, xx + held, *xy], [*y, *xy, yy + held]];
-        let right = Mat::from_fn(3, 1, |i, _| depth[i]);
-        let value = matrix.partial_piv_lu().solve(&right)[(0, 0)];
+        let ridge = 0.1 * w;
+        let matrix: Mat<f64> = mat![[*w, *x, *y], [*x, xx + ridge, *xy], [*y, *xy, yy + ridge]];
+        let depth = Mat::from_fn(3, 1, |i, _| depth[i]);
+        let value = matrix.partial_piv_lu().solve(&depth)[(0, 0)];
         value.is_finite().then_some(value)
     }
 }
@@ -113,10 +113,7 @@ struct Gradients {
 impl Gradients {
     fn of(rgb: &RgbImage) -> Self {
         let (width, height) = (rgb.width() as usize, rgb.height() as usize);
-        let grey: Vec<f64> = rgb
-            .pixels()
-            .map(|p| 0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2]))
-            .collect();
+        let grey: Vec<f64> = grey_values(rgb).collect();
         let values = (0..width * height)
             .map(|i| {
                 let (x, y) = (i % width, i / width);

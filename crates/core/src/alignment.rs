@@ -1,10 +1,10 @@
 //! Whether points lie where the image shows them: their leave-one-out errors where they are and at other places.
 
-use crate::comparison::{Alternative, Comparison, some};
+use crate::comparison::{Comparison, is_clear, random_sample};
 use crate::error::Result;
 use crate::observations::{Observation, Observations};
 use crate::scene::Scene;
-use crate::usable::Usable;
+use crate::usable::UsableObservations;
 use std::fmt::{Display, Formatter};
 
 /// Lengths of the shifts that are tried, in pixels of an image of `AREA` pixels.
@@ -60,21 +60,11 @@ impl Shift {
     /// Whether the moved points fit so much better that chance does not explain it: by 6 standard errors in five frames or
     /// more, by 9 in fewer, and by 5 % of the error.
     pub fn is_clear(&self) -> bool {
-        let Self {
-            error,
-            error_moved: error_there,
-            standard_errors,
-            frames,
-            ..
-        } = *self;
-        let alternative = Alternative {
-            index: 0,
-            error,
-            error_there,
-            standard_errors,
-            frames,
-        };
-        alternative.is_clear()
+        is_clear(
+            [self.error, self.error_moved],
+            self.standard_errors,
+            self.frames,
+        )
     }
 }
 
@@ -180,14 +170,14 @@ fn chosen(
     size: (usize, usize),
     margin: f64,
 ) -> Result<Vec<Observation>> {
-    let usable = Usable::new(observations, size)?;
+    let usable = UsableObservations::new(observations, size)?;
     let inside = |place: f64, length: usize| {
         let end = length as f64 - 1.0 - margin;
         (margin..=end).contains(&place)
     };
-    let points = usable.which.iter().map(|&i| observations.as_slice()[i]);
+    let points = usable.indices.iter().map(|&i| observations.as_slice()[i]);
     let points = points.filter(|point| inside(point.u, size.1) && inside(point.v, size.0));
-    Ok(some(points.collect()))
+    Ok(random_sample(points.collect()))
 }
 
 #[cfg(test)]

@@ -4,10 +4,27 @@
 /// weight of the second. Position 0 is the centre of the first pixel; positions beyond the outermost centres
 /// take the outermost value.
 pub fn neighbours(place: f64, from: usize, to: usize) -> (usize, usize, f64) {
-    let last = to.saturating_sub(1);
-    let position = ((place + 0.5) * (to as f64 / from as f64) - 0.5).clamp(0.0, last as f64);
+    between((place + 0.5) * (to as f64 / from as f64) - 0.5, to)
+}
+
+/// The two neighbours of a position among `count` values at 0, 1, ..., and the weight of the second. Positions beyond
+/// the ends take the outermost value.
+pub(crate) fn between(position: f64, count: usize) -> (usize, usize, f64) {
+    let last = count.saturating_sub(1);
+    let position = position.clamp(0.0, last as f64);
     let low = position as usize;
     (low, (low + 1).min(last), position - low as f64)
+}
+
+/// The position on an axis of `to` pixels of a position on an axis of `from` pixels.
+pub(crate) fn rescaled(place: f64, from: usize, to: usize) -> f64 {
+    (place + 0.5) * to as f64 / from.max(1) as f64 - 0.5
+}
+
+/// The pixel on an axis of `to` pixels that contains a position on an axis of `from` pixels.
+pub(crate) fn containing(place: f64, from: usize, to: usize) -> usize {
+    let scaled = (place + 0.5) * to as f64 / from.max(1) as f64;
+    (scaled.max(0.0) as usize).min(to.saturating_sub(1))
 }
 
 /// The pixels of a grid that a position is interpolated from, and their weights, which add up to 1 (but for those
@@ -25,7 +42,7 @@ impl InterpolationWeights {
     pub fn new([u, v]: [f64; 2], size: (usize, usize), grid: (usize, usize)) -> Self {
         let (left, right, across) = neighbours(u, size.1, grid.1);
         let (top, bottom, down) = neighbours(v, size.0, grid.0);
-        let mut taps = Self {
+        let mut interpolation = Self {
             pixels: [0; 4],
             shares: [0.0; 4],
             count: 0,
@@ -34,13 +51,13 @@ impl InterpolationWeights {
             for (column, horizontal) in [(left, 1.0 - across), (right, across)] {
                 let share = vertical * horizontal;
                 if share > 0.0 {
-                    taps.pixels[taps.count] = (row * grid.1 + column) as u32;
-                    taps.shares[taps.count] = share;
-                    taps.count += 1;
+                    interpolation.pixels[interpolation.count] = (row * grid.1 + column) as u32;
+                    interpolation.shares[interpolation.count] = share;
+                    interpolation.count += 1;
                 }
             }
         }
-        taps
+        interpolation
     }
 
     /// The taps of a single pixel.
@@ -145,8 +162,8 @@ mod tests {
             .map(|(x, y)| plane((x + 0.5) * 1.5 - 0.5, (y + 0.5) * 1.5 - 0.5))
             .collect();
         for place in [[7.25, 3.5], [20.0, 31.125], [58.0, 43.0]] {
-            let taps = InterpolationWeights::new(place, (45, 60), grid);
-            assert!((taps.read(&values) - plane(place[0], place[1])).abs() < 1e-12);
+            let interpolation = InterpolationWeights::new(place, (45, 60), grid);
+            assert!((interpolation.read(&values) - plane(place[0], place[1])).abs() < 1e-12);
         }
         let on_a_centre = InterpolationWeights::new([12.0, 9.0], grid, grid);
         assert_eq!(on_a_centre.single(), Some(9 * 40 + 12));

@@ -4,11 +4,11 @@ use crate::error::{FitError, Result};
 use crate::fit::{Changes, FitMethod};
 use crate::observations::{Observation, Observations};
 use crate::scene::Scene;
-use crate::usable::Usable;
+use crate::usable::UsableObservations;
 use lsdc_rng::Rng;
 use rayon::prelude::*;
 
-/// Fewer points do not tell a difference from chance, and more are not needed.
+/// Fewer points are no evidence, and more are not needed.
 pub(crate) const FEWEST: usize = 100;
 const MOST: usize = 2000;
 
@@ -44,12 +44,12 @@ pub struct Comparison {
     squares: f64,
     /// The sum of relative errors where the points are.
     error: f64,
-    tried: Vec<Tried>,
+    tried: Vec<AlternativeSums>,
 }
 
 /// Sums over points or tiles for one alternative.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Tried {
+struct AlternativeSums {
     error: f64,
     gain: f64,
     /// Over tiles: the squared gain, and gain x points.
@@ -77,13 +77,26 @@ impl Alternative {
     /// Whether the points fit so much better there that chance does not explain it: by 6 standard errors in five frames or
     /// more, by 9 in fewer, and by 5 % of the error.
     pub fn is_clear(&self) -> bool {
-        let least = if self.frames < FRAMES {
-            STANDARD_ERRORS_OF_FEW
-        } else {
-            STANDARD_ERRORS
-        };
-        self.standard_errors >= least && self.error_there <= MATERIAL * self.error
+        is_clear(
+            [self.error, self.error_there],
+            self.standard_errors,
+            self.frames,
+        )
     }
+}
+
+/// Whether the mean error at other places is clearly smaller than where the points are.
+pub(crate) fn is_clear(
+    [error, error_there]: [f64; 2],
+    standard_errors: f64,
+    frames: usize,
+) -> bool {
+    let least = if frames < FRAMES {
+        STANDARD_ERRORS_OF_FEW
+    } else {
+        STANDARD_ERRORS
+    };
+    standard_errors >= least && error_there <= MATERIAL * error
 }
 
 impl Scene {
@@ -127,16 +140,16 @@ impl Scene {
                 );
                 return Err(FitError::Shape(what).into());
             }
-            match Usable::new(list, self.size()) {
-                Ok(usable) => usable.which.iter().for_each(|&i| lists[i] += 1),
+            match UsableObservations::new(list, self.size()) {
+                Ok(usable) => usable.indices.iter().for_each(|&i| lists[i] += 1),
                 Err(FitError::NoObservations { .. }) => return Ok(Comparison::none(others.len())),
                 Err(error) => return Err(error.into()),
             }
         }
         let in_all = (0..given.len()).filter(|&i| lists[i] == 1 + others.len());
-        let which = some(in_all.collect());
+        let indices = random_sample(in_all.collect());
         let of = |list: &Observations| -> Vec<Observation> {
-            which.iter().map(|&i| list.as_slice()[i]).collect()
+            indices.iter().map(|&i| list.as_slice()[i]).collect()
         };
         self.compared(&of(given), others.len(), |i| of(&others[i]))
     }
@@ -187,7 +200,7 @@ impl Scene {
 }
 
 /// A random choice of as many as are needed.
-pub(crate) fn some<T>(mut all: Vec<T>) -> Vec<T> {
+pub(crate) fn random_sample<T>(mut all: Vec<T>) -> Vec<T> {
     let most = all.len().min(MOST);
     Rng::stream(0, &["alignment"]).choose(&mut all, most);
     all.truncate(most);
@@ -203,7 +216,7 @@ impl Comparison {
             tiles: 0,
             squares: 0.0,
             error: 0.0,
-            tried: vec![Tried::default(); alternatives],
+            tried: vec![AlternativeSums::default(); alternatives],
         }
     }
 
@@ -228,7 +241,7 @@ impl Comparison {
             for &i in &known {
                 gains[tiles[i]] += cost(still[i]) - cost(errors[i]);
             }
-            Tried {
+            AlternativeSums {
                 error: known.iter().map(|&i| errors[i]).sum(),
                 gain: gains.iter().sum(),
                 squares: gains.iter().map(|gain| gain * gain).sum(),

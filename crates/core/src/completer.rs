@@ -2,7 +2,7 @@
 
 use crate::error::{Result, SettingsError};
 use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
-use crate::network::{ColourAffinity, Encoder, Network, Prepared};
+use crate::network::{ColourAffinity, CpuNetwork, Encoder, Network};
 use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -50,8 +50,22 @@ pub struct Completer {
     pool: Option<Arc<ThreadPool>>,
 }
 
-/// Threads of a pool.
-const MOST_THREADS: usize = 4096;
+/// Starts a pool of threads, with one thread per core if `threads` is 0.
+///
+/// # Errors
+/// More than 4096 threads; threads that cannot be started.
+#[doc(hidden)]
+pub fn thread_pool(threads: usize) -> Result<Arc<ThreadPool>> {
+    const MOST: usize = 4096;
+    if threads > MOST {
+        let what = format!("a pool has at most {MOST} threads, not {threads}");
+        return Err(SettingsError::new(what).into());
+    }
+    let pool = ThreadPoolBuilder::new().num_threads(threads);
+    let pool = pool.thread_name(|i| format!("lsdc-{i}")).build();
+    let failed = |error| SettingsError::new(format!("no pool of {threads} threads: {error}"));
+    Ok(Arc::new(pool.map_err(failed)?))
+}
 
 /// Builder of a [`Completer`].
 ///
@@ -87,58 +101,46 @@ pub struct CompleterBuilder<'a> {
 
 impl<'a> CompleterBuilder<'a> {
     /// Uses these settings of the fit instead of those stored with the weights.
-    pub fn fit(self, fit: FitConfig) -> Self {
-        Self {
-            fit: Some(fit),
-            ..self
-        }
+    pub fn fit(mut self, fit: FitConfig) -> Self {
+        self.fit = Some(fit);
+        self
     }
 
     /// Resizes images to about as many pixels as this height and width have, keeping their aspect ratio,
     /// before they enter the network, instead of to the size of the training images. More pixels cost more
     /// time and resolve more edges.
-    pub fn working_size(self, height: usize, width: usize) -> Self {
-        Self {
-            working_size: Some((height, width)),
-            ..self
-        }
+    pub fn working_size(mut self, height: usize, width: usize) -> Self {
+        self.working_size = Some((height, width));
+        self
     }
 
-    /// Uses a thread pool of its own, with one thread per core if `threads` is 0. By default, work runs on the caller's pool: the global one of `rayon`,
-    /// or the one in which the call was installed.
-    pub fn threads(self, threads: usize) -> Self {
-        Self {
-            threads: Some(threads),
-            pool: None,
-            ..self
-        }
+    /// Uses a thread pool of its own, with one thread per core if `threads` is 0. By default, work runs on the caller's
+    /// pool: the global one of `rayon`, or the one in which the call was installed.
+    pub fn threads(mut self, threads: usize) -> Self {
+        self.threads = Some(threads);
+        self.pool = None;
+        self
     }
 
     /// Uses a shared thread pool.
-    pub fn thread_pool(self, pool: Arc<ThreadPool>) -> Self {
-        Self {
-            pool: Some(pool),
-            threads: None,
-            ..self
-        }
+    pub fn thread_pool(mut self, pool: Arc<ThreadPool>) -> Self {
+        self.pool = Some(pool);
+        self.threads = None;
+        self
     }
 
     /// The pretrained encoder that the network was trained on, if it was.
     #[doc(hidden)]
-    pub fn encoder(self, encoder: Arc<Encoder>) -> Self {
-        Self {
-            encoder: Some(encoder),
-            ..self
-        }
+    pub fn encoder(mut self, encoder: Arc<Encoder>) -> Self {
+        self.encoder = Some(encoder);
+        self
     }
 
     /// Uses another implementation of the network, for example on another device.
     #[doc(hidden)]
-    pub fn network(self, network: Arc<dyn Network>) -> Self {
-        Self {
-            network: Some(network),
-            ..self
-        }
+    pub fn network(mut self, network: Arc<dyn Network>) -> Self {
+        self.network = Some(network);
+        self
     }
 
     /// Builds the completer.
@@ -150,22 +152,13 @@ impl<'a> CompleterBuilder<'a> {
         let pool = match (self.pool, self.threads) {
             (Some(pool), _) => Some(pool),
             (None, None) => None,
-            (None, Some(threads)) => {
-                if threads > MOST_THREADS {
-                    let what = format!("a pool has at most {MOST_THREADS} threads, not {threads}");
-                    return Err(SettingsError::new(what).into());
-                }
-                let pool = ThreadPoolBuilder::new().num_threads(threads).build();
-                let failed =
-                    |error| SettingsError::new(format!("no pool of {threads} threads: {error}"));
-                Some(Arc::new(pool.map_err(failed)?))
-            }
+            (None, Some(threads)) => Some(thread_pool(threads)?),
         };
         let weights: &'a Weights = self.weights;
         let encoder = self.encoder;
         let prepare = || {
             let tensors = &weights.tensors;
-            Prepared::new(&weights.network, tensors, encoder, Level::here())
+            CpuNetwork::new(&weights.network, tensors, encoder, Level::here())
         };
         let network: Arc<dyn Network> = match (self.network, &pool) {
             (Some(network), _) => network,
@@ -255,7 +248,7 @@ impl Completer {
         let unknown = NoisePrior {
             mean: 0.0,
             deviation: None,
-            trust: 0.0,
+            equivalent_points: 0.0,
         };
         Ok(Self {
             network: Arc::new(ColourAffinity),

@@ -1,14 +1,15 @@
-//! A fit and what is derived from it: depth at any position, residuals, outliers. Its standard deviations are in
-//! `uncertainty`.
+//! A fit and its results: depth at any position, residuals, outliers. Its standard deviations are in
+//! `standard_deviation`.
 
 use crate::detail::{Detail, PixelResiduals};
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, InlierPosterior, RANGE, Smooth, root_mean_square};
+use crate::fit::{Fit, FitMethod, InlierPosterior, RANGE, SmoothField, root_mean_square};
 use crate::image::{check_rows, check_size};
+use crate::lazy::get_or_compute;
 use crate::map::DepthMap;
 use crate::scene::Scene;
 use crate::upsampling::Upsampling;
-use crate::usable::Usable;
+use crate::usable::UsableObservations;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
@@ -25,8 +26,8 @@ pub struct Completion(Arc<Inner>);
 struct Inner {
     scene: Scene,
     fit: Fit,
-    usable: Usable,
-    /// What dense observations add to a map of an image that is larger than the field.
+    usable: UsableObservations,
+    /// The correction by dense observations of a map of an image that is larger than the field.
     detail: Option<Detail>,
     report: Report,
     leverages: OnceLock<Vec<f64>>,
@@ -90,10 +91,10 @@ pub struct Report {
 pub struct Outlier {
     /// The index among the given observations.
     pub index: usize,
-    /// The probability that it is wrong.
+    /// The probability that it is an outlier.
     pub probability: f64,
-    /// The distance from the value predicted by the other observations, in the scale of the errors that right
-    /// observations have there; positive where the observation is farther away.
+    /// The distance from the value predicted by the other observations, in the scale of the errors of inliers
+    /// there; positive where the observation is farther away.
     pub score: f64,
     /// Its depth minus the depth predicted by the other observations.
     pub error: f64,
@@ -111,7 +112,11 @@ impl std::fmt::Debug for Completion {
 }
 
 /// The residuals of the map: those of the fit, unless observations were smoothed before it, or the map has detail.
-fn residuals<'a>(fit: &'a Fit, usable: &Usable, detail: Option<&Detail>) -> Cow<'a, [f64]> {
+fn residuals<'a>(
+    fit: &'a Fit,
+    usable: &UsableObservations,
+    detail: Option<&Detail>,
+) -> Cow<'a, [f64]> {
     if detail.is_none() && usable.smoothed.is_none() {
         return (&fit.residuals).into();
     }
@@ -131,29 +136,29 @@ impl Completion {
     pub(crate) fn new(
         scene: Scene,
         fit: Fit,
-        usable: Usable,
+        usable: UsableObservations,
         method: FitMethod,
         [network, fitting, field, solve]: [Duration; 4],
     ) -> Self {
         let detail = scene.upsampling().and_then(|upsampling| {
             let (places, depths) = (&usable.places, usable.fitted());
             scene.completer().run(|| {
-                let rests = PixelResiduals::new(
+                let pixel_residuals = PixelResiduals::new(
                     upsampling.size(),
                     places,
                     &fit.residuals,
                     &fit.point_weights,
                 )?;
-                Some(Detail::new(upsampling, rests, places, depths))
+                Some(Detail::new(upsampling, pixel_residuals, places, depths))
             })
         });
         let residuals = residuals(&fit, &usable, detail.as_ref());
         let report = Report {
             given: usable.given,
-            used: usable.which.len(),
+            used: usable.indices.len(),
             invalid: usable.invalid,
             outside: usable.outside,
-            without_deviation: usable.without,
+            without_deviation: usable.without_deviation,
             smoothed: usable
                 .smoothed
                 .as_ref()
@@ -164,7 +169,7 @@ impl Completion {
             rank: fit.rank,
             functions: fit.functions(),
             lambda: fit.lambda,
-            guide_trust: fit.trust,
+            guide_trust: fit.guide_trust,
             median_share: fit.median_share(),
             network,
             fit: fitting,
@@ -252,7 +257,8 @@ impl Completion {
         let rows = scene.completer().run(|| scene.at((height, width), places));
         let columns = rows.len() / places.len().max(1);
         let (low, high) = self.limits();
-        let smooth_at = |smooth: &Smooth, place| smooth.read(&scene.taps(place, smooth.size()));
+        let smooth_at =
+            |smooth: &SmoothField, place| smooth.read(&scene.interpolation(place, smooth.size()));
         let value = |(row, &place): (&[f32], &[f64; 2])| {
             let functions = row.iter().zip(&fit.weights).map(|(b, w)| f64::from(*b) * w);
             let smooth = fit.smooth().map_or(0.0, |smooth| smooth_at(smooth, place));
@@ -332,7 +338,7 @@ impl Completion {
             detail,
             ..
         } = &*self.0;
-        usable.spread(&residuals(fit, usable, detail.as_ref()))
+        usable.scatter(&residuals(fit, usable, detail.as_ref()))
     }
 
     /// For every given observation, its depth minus the depth predicted by a fit to all other observations
@@ -341,7 +347,7 @@ impl Completion {
     /// the error of the depth between the points without ground truth, if the points are distributed like the
     /// pixels.
     pub fn leave_one_out(&self) -> Vec<f64> {
-        self.0.usable.spread(&self.left_out())
+        self.0.usable.scatter(&self.left_out())
     }
 
     /// The leave-one-out errors of the usable observations: those of the fit, and where observations are dense those of
@@ -364,35 +370,35 @@ impl Completion {
         let errors: Vec<f64> = errors.into_iter().step_by(step).collect();
         let (residuals, weights) = (&fit.residuals, &fit.point_weights);
         scene.completer().run(|| {
-            let Some((rests, upsampling)) = self.rests() else {
+            let Some((pixel_residuals, upsampling)) = self.pixel_residuals() else {
                 return errors;
             };
             let left_out = |(place, &error): (usize, &f64)| {
                 let i = place * step;
                 let own = [residuals[i], weights[i], error];
-                rests.left_out(upsampling, usable.places[i], own)
+                pixel_residuals.left_out(upsampling, usable.places[i], own)
             };
             errors.par_iter().enumerate().map(left_out).collect()
         })
     }
 
-    /// What dense observations leave to be followed, where they are dense.
-    fn rests(&self) -> Option<(&PixelResiduals, &Upsampling)> {
+    /// The residuals of the observations in each pixel, where they are dense.
+    fn pixel_residuals(&self) -> Option<(&PixelResiduals, &Upsampling)> {
         let Inner { scene, detail, .. } = &*self.0;
-        Some((detail.as_ref()?.rests(), scene.upsampling()?))
+        Some((detail.as_ref()?.pixel_residuals(), scene.upsampling()?))
     }
 
     /// Reduces standard deviations of the fit, a map of `size` (height, width), where the map follows dense
     /// observations.
     pub(crate) fn reduce_deviations(&self, size: (usize, usize), deviations: &mut [f32]) {
-        /// Observations that judge the deviations.
-        const JUDGES: usize = 20_000;
-        if let Some((rests, upsampling)) = self.rests() {
+        /// Observations whose errors scale the deviations.
+        const SAMPLE: usize = 20_000;
+        if let Some((pixel_residuals, upsampling)) = self.pixel_residuals() {
             let places = &self.0.usable.places;
-            let step = places.len().div_ceil(JUDGES);
+            let step = places.len().div_ceil(SAMPLE);
             let errors = self.left_out_of_every(step);
             let places: Vec<_> = places.iter().copied().step_by(step).collect();
-            rests.reduce(upsampling, (&places, &errors), size, deviations);
+            pixel_residuals.reduce(upsampling, (&places, &errors), size, deviations);
         }
     }
 
@@ -407,10 +413,10 @@ impl Completion {
     /// The final weight of every given observation, which is 1 in a plain fit without standard deviations, and
     /// less the larger its own standard deviation is; NaN for those that were not used.
     pub fn point_weights(&self) -> Vec<f64> {
-        self.0.usable.spread(&self.0.fit.point_weights)
+        self.0.usable.scatter(&self.0.fit.point_weights)
     }
 
-    /// The observations that are more likely wrong than right, judged by the others, worst first. Each is compared
+    /// The observations that are more likely outliers than inliers, worst first. Each is compared
     /// with its prediction by the others, whose standard deviation depends on their distances and on the edges of
     /// the image between them.
     ///
@@ -420,16 +426,16 @@ impl Completion {
         let Inner {
             scene, fit, usable, ..
         } = &*self.0;
-        let judged = scene.judge(usable)?.into_iter().enumerate();
+        let posteriors = scene.inlier_posteriors(usable)?.into_iter().enumerate();
         let outlier = |(i, found): (usize, InlierPosterior)| Outlier {
-            index: usable.which[i],
-            probability: 1.0 - found.right,
+            index: usable.indices[i],
+            probability: 1.0 - found.p_inlier,
             score: found.error / found.scale,
             error: found.error,
             weight: fit.point_weights[i],
         };
-        let mut found: Vec<_> = judged
-            .filter(|(_, found)| found.right < 0.5)
+        let mut found: Vec<_> = posteriors
+            .filter(|(_, found)| found.p_inlier < 0.5)
             .map(outlier)
             .collect();
         found.sort_by(|a, b| b.score.abs().total_cmp(&a.score.abs()));
@@ -446,7 +452,7 @@ impl Completion {
         &self.0.fit
     }
 
-    pub(crate) fn usable(&self) -> &Usable {
+    pub(crate) fn usable(&self) -> &UsableObservations {
         &self.0.usable
     }
 
@@ -463,13 +469,8 @@ impl Completion {
             leverages,
             ..
         } = &*self.0;
-        if let Some(leverages) = leverages.get() {
-            return leverages;
-        }
-        // Not within the initialiser: a thread that waits for others there may take up work that asks
-        // for the same.
         let bases = || scene.at(scene.size(), &usable.places);
-        let found = scene.completer().run(|| fit.leverages_with(bases));
-        leverages.get_or_init(|| found)
+        let compute = || scene.completer().run(|| fit.leverages_with(bases));
+        get_or_compute(leverages, compute).as_slice()
     }
 }

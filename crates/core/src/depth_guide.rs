@@ -2,7 +2,8 @@
 
 use crate::bilinear::InterpolationWeights;
 use crate::error::{ImageError, Result};
-use crate::image::check_size;
+use crate::fit::median;
+use crate::image::check_length;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -23,7 +24,7 @@ pub enum GuideKind {
 ///
 /// It becomes basis functions: a constant, the depths that it stands for under some shifts, and the first of these times
 /// low cosines. The fit finds their weights, so neither unit, scale nor shift need be known; how far the guide is to be
-/// trusted follows from the points. Where the guide has a step, neighbouring pixels are tied less.
+/// trusted follows from the points. Where the guide has a step, the affinity of neighbouring pixels is lower.
 ///
 /// ```
 /// use lsdc_core::{DepthGuide, GuideKind};
@@ -66,16 +67,7 @@ impl DepthGuide {
     /// # Errors
     /// The number of values is not `width * height`, the guide is empty, or all of its values are missing or the same.
     pub fn new(kind: GuideKind, width: usize, height: usize, values: &[f32]) -> Result<Self> {
-        check_size(width, height)?;
-        if values.len() != width * height {
-            return Err(ImageError::Length {
-                expected: width * height,
-                found: values.len(),
-                width,
-                height,
-            }
-            .into());
-        }
+        check_length(width, height, values.len())?;
         let usable = |v: f32| v.is_finite() && (kind != GuideKind::Depth || v > 0.0);
         let missing = values.iter().filter(|v| !usable(**v)).count();
         let known: Vec<Option<f32>> = values.iter().map(|&v| usable(v).then_some(v)).collect();
@@ -146,7 +138,7 @@ impl DepthGuide {
 
     /// The share of its affinity that each pixel of a grid keeps with its right neighbour, and with the one below,
     /// `[height, width, 2]`: less where the guide has a step.
-    pub(crate) fn ties(&self, (height, width): (usize, usize)) -> Vec<f64> {
+    pub(crate) fn affinity_shares(&self, (height, width): (usize, usize)) -> Vec<f64> {
         let line = |y: usize| {
             let places: Vec<[f64; 2]> = (0..width).map(|x| [x as f64, y as f64]).collect();
             let functions = self.at((height, width), &places);
@@ -187,7 +179,7 @@ impl DepthGuide {
 impl GuideKind {
     /// Maps that depth may be a combination of with a constant, the likeliest first.
     fn depths(self, values: &[f32]) -> Vec<Vec<f64>> {
-        let middle = f64::from(median(values));
+        let middle = median(values.iter().map(|&v| f64::from(v)));
         let each = |of: &dyn Fn(f64) -> f64| values.iter().map(|v| of(f64::from(*v))).collect();
         match self {
             Self::Depth => {
@@ -222,12 +214,6 @@ fn range(values: &[f32]) -> (f64, f64) {
     let at = |share: f64| f64::from(sorted[((sorted.len() - 1) as f64 * share) as usize]);
     let (low, high) = (at(0.02), at(0.98));
     (low, if high > low { high } else { low + 1.0 })
-}
-
-fn median(values: &[f32]) -> f32 {
-    let mut sorted = values.to_vec();
-    let middle = sorted.len() / 2;
-    *sorted.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 /// Maps with mean 0 and mean square 1, those that are constant left out.
@@ -286,7 +272,7 @@ mod tests {
         let values = [1.0, 1.0, 3.0, 3.0].repeat(2);
         let guide = DepthGuide::new(GuideKind::Depth, 4, 2, &values).unwrap();
         let across = (1.0 + (2.0 / STEP).powi(2)).recip();
-        for (i, share) in guide.ties((2, 4)).into_iter().enumerate() {
+        for (i, share) in guide.affinity_shares((2, 4)).into_iter().enumerate() {
             let cut = i % 2 == 0 && (i / 2) % 4 == 1;
             let expected = if cut { across } else { 1.0 };
             assert!((share / expected - 1.0).abs() < 1e-4, "{i}: {share}");

@@ -1,10 +1,10 @@
-//! What dense observations say beyond the grid that depth is solved on. Where an image is larger than this grid and
-//! many of its pixels are observed, several of them share a pixel of the grid, and a map that is read from it can
-//! follow only their mean. Here the map follows each, and their neighbours by likeness.
+//! Dense observations at a higher resolution than the grid that depth is solved on. Where an image is larger than this
+//! grid and many of its pixels are observed, several of them share a pixel of the grid, and a map that is read from it
+//! can follow only their mean. Here the map follows each, and their neighbours by likeness.
 
 use crate::bilinear::InterpolationWeights;
-use crate::fit::Smooth;
-use crate::upsampling::{Cell, Upsampling};
+use crate::fit::SmoothField;
+use crate::upsampling::{PixelBlock, Upsampling};
 use rayon::prelude::*;
 
 /// Pixels on each side of the window.
@@ -14,7 +14,7 @@ const DENSE: f64 = 0.25;
 /// The standard deviation of the window, in pixels. Of 0.6 to 2 on depth maps of which a tenth or a half was held
 /// back.
 const SPREAD: f32 = 0.65;
-/// What observations count against: a weight with a residual of 0.
+/// The weight of a residual of 0 that observations are averaged with.
 const NOTHING: f32 = 0.01;
 
 /// The mean residual of the observations in a pixel, and their weight.
@@ -24,7 +24,7 @@ struct PixelResidual {
     weight: f32,
 }
 
-/// What dense observations leave to be followed pixel by pixel.
+/// The residuals of dense observations, pixel by pixel.
 #[derive(Debug)]
 pub(crate) struct PixelResiduals {
     /// One for each pixel of the image.
@@ -35,11 +35,11 @@ pub(crate) struct PixelResiduals {
     near: [f32; 2 * REACH * REACH + 1],
 }
 
-/// What is added to a map, and the limits of the sum.
+/// A correction that is added to a map, and the limits of the sum.
 #[derive(Debug)]
 pub(crate) struct Detail {
-    rests: PixelResiduals,
-    added: Smooth,
+    pixel_residuals: PixelResiduals,
+    added: SmoothField,
     /// The nearest and the farthest depth observed around each pixel that is not observed itself: following these, a
     /// map goes no farther.
     limits: Vec<[f32; 2]>,
@@ -109,14 +109,14 @@ impl PixelResiduals {
         })
     }
 
-    /// What a pixel with this residual of its own gets: that by its weight, and that of its neighbours by the rest.
+    /// The correction of a pixel with this residual of its own: that by its weight, and that of its neighbours otherwise.
     /// Residuals of neighbours in `cell` are `shift` larger.
     fn correction(
         &self,
         upsampling: &Upsampling,
         pixel: usize,
         own: PixelResidual,
-        (shift, cell): (f32, Option<&Cell>),
+        (shift, cell): (f32, Option<&PixelBlock>),
     ) -> f32 {
         let weight = own.weight.min(1.0);
         if weight >= 1.0 {
@@ -124,7 +124,7 @@ impl PixelResiduals {
         }
         let (mut sum, mut total) = (0.0, NOTHING);
         self.neighbours(upsampling, pixel, |place, value, share| {
-            let shifted = cell.is_some_and(|cell| cell.holds(place));
+            let shifted = cell.is_some_and(|cell| cell.contains(place));
             sum += share * if shifted { value + shift } else { value };
             total += share;
         });
@@ -139,13 +139,13 @@ impl PixelResiduals {
         mut visit: impl FnMut([usize; 2], f32, f32),
     ) {
         Neighbourhood::new(pixel, self.width, self.height).each(|place, other, square| {
-            let rest = self.values[other];
-            if rest.weight > 0.0 && other != pixel {
+            let residual = self.values[other];
+            if residual.weight > 0.0 && other != pixel {
                 let alike = upsampling.likeness(pixel, other);
                 visit(
                     place,
-                    rest.value,
-                    self.near[square] * rest.weight.min(1.0) * alike,
+                    residual.value,
+                    self.near[square] * residual.weight.min(1.0) * alike,
                 );
             }
         });
@@ -161,7 +161,7 @@ impl PixelResiduals {
 
     /// Reduces standard deviations of the fit, a map of `size` (height, width), to those of the map that follows
     /// observations. `errors` are leave-one-out errors of that map at the `places` of the observations: `SHARE` of them lie
-    /// within the reduced deviations, as one standard deviation says. Deviations never grow.
+    /// within the reduced deviations, as within one standard deviation. Deviations never grow.
     pub(crate) fn reduce(
         &self,
         upsampling: &Upsampling,
@@ -171,7 +171,7 @@ impl PixelResiduals {
     ) {
         /// The share of a normal distribution within one standard deviation.
         const SHARE: f64 = 0.6827;
-        /// Fewer tell nothing.
+        /// With fewer errors, deviations stay.
         const FEW: usize = 100;
         let own = (self.height, self.width);
         // The pixel of the map over the centre of one of the image.
@@ -238,7 +238,7 @@ impl Detail {
     /// is observed with weight 1 gets its mean residual.
     pub(crate) fn new(
         upsampling: &Upsampling,
-        rests: PixelResiduals,
+        pixel_residuals: PixelResiduals,
         places: &[[f64; 2]],
         depths: &[f32],
     ) -> Self {
@@ -249,14 +249,14 @@ impl Detail {
             *range = [range[0].min(depth), range[1].max(depth)];
         }
         let found = (0..size.0 * size.1).into_par_iter().map(|pixel| {
-            let own = rests.values[pixel];
-            let added = rests.correction(upsampling, pixel, own, (0.0, None));
+            let own = pixel_residuals.values[pixel];
+            let added = pixel_residuals.correction(upsampling, pixel, own, (0.0, None));
             if own.weight >= 1.0 || added == 0.0 {
                 return (added, ANY);
             }
             let mut limits = ranges[pixel];
             Neighbourhood::new(pixel, size.1, size.0).each(|_, other, _| {
-                if rests.values[other].weight > 0.0 {
+                if pixel_residuals.values[other].weight > 0.0 {
                     let [low, high] = ranges[other];
                     limits = [limits[0].min(low), limits[1].max(high)];
                 }
@@ -265,15 +265,15 @@ impl Detail {
         });
         let (added, limits) = found.unzip();
         Self {
-            rests,
-            added: Smooth::from_values(size, added),
+            pixel_residuals,
+            added: SmoothField::from_values(size, added),
             limits,
         }
     }
 
-    /// What the observations leave.
-    pub(crate) fn rests(&self) -> &PixelResiduals {
-        &self.rests
+    /// The residuals of the observations.
+    pub(crate) fn pixel_residuals(&self) -> &PixelResiduals {
+        &self.pixel_residuals
     }
 
     /// Adds it to a map of depths of `size` (height, width).
@@ -366,9 +366,9 @@ mod tests {
 
     /// What is added to a map of 5 m, whose observations are off by these residuals.
     fn detail(places: &[[f64; 2]], residuals: &[f64], weights: &[f64]) -> Option<Detail> {
-        let rests = PixelResiduals::new(SIZE, places, residuals, weights)?;
+        let pixel_residuals = PixelResiduals::new(SIZE, places, residuals, weights)?;
         let depths: Vec<f32> = residuals.iter().map(|r| (5.0 + r) as f32).collect();
-        Some(Detail::new(&upsampling(), rests, places, &depths))
+        Some(Detail::new(&upsampling(), pixel_residuals, places, &depths))
     }
 
     fn at(detail: &Detail, place: [f64; 2]) -> f64 {
@@ -413,13 +413,13 @@ mod tests {
             .map(|i| [(i % SIZE.1) as f64, (i / SIZE.1) as f64])
             .collect();
         let (nothing, ones) = (vec![0.1; places.len()], vec![1.0; places.len()]);
-        let rests = PixelResiduals::new(SIZE, &places, &nothing, &ones).unwrap();
+        let pixel_residuals = PixelResiduals::new(SIZE, &places, &nothing, &ones).unwrap();
         let count = places.len() as f64;
         let errors = (0..places.len()).map(|i| (i * 7 % places.len()) as f64 / count);
         let errors: Vec<f64> = errors.collect();
         for size in [SIZE, (40, 60)] {
             let mut deviations = vec![2.0; size.0 * size.1];
-            rests.reduce(&upsampling(), (&places, &errors), size, &mut deviations);
+            pixel_residuals.reduce(&upsampling(), (&places, &errors), size, &mut deviations);
             let at =
                 |x: usize, y: usize| deviations[y * size.0 / SIZE.0 * size.1 + x * size.1 / SIZE.1];
             assert!((at(5, 8) - 0.6827).abs() < 0.01, "{}", at(5, 8));
@@ -428,7 +428,7 @@ mod tests {
             // Larger errors than deviations change nothing.
             let large: Vec<f64> = errors.iter().map(|error| 100.0 + error).collect();
             let before = deviations.clone();
-            rests.reduce(&upsampling(), (&places, &large), size, &mut deviations);
+            pixel_residuals.reduce(&upsampling(), (&places, &large), size, &mut deviations);
             assert_eq!(deviations, before);
         }
     }

@@ -245,7 +245,7 @@ pub enum FitError {
         /// Weights that were given.
         found: usize,
     },
-    /// Weights of another fit say nothing: they are all 0, or not finite.
+    /// Weights of another fit are all 0, or not finite.
     #[error("the weights of the other fit are all 0, or not finite")]
     NearNothing,
     /// A fit cannot be drawn towards another one.

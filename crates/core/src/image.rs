@@ -32,7 +32,7 @@ impl Channels {
     }
 
     /// The indices of red, green and blue in a pixel.
-    fn places(self) -> [usize; 3] {
+    fn indices(self) -> [usize; 3] {
         match self {
             Self::Gray => [0; 3],
             Self::Rgb | Self::Rgba => [0, 1, 2],
@@ -45,6 +45,15 @@ impl Channels {
 enum Values<'a> {
     Bytes(&'a [u8]),
     Floats(&'a [f32]),
+}
+
+impl Values<'_> {
+    fn len(self) -> usize {
+        match self {
+            Self::Bytes(values) => values.len(),
+            Self::Floats(values) => values.len(),
+        }
+    }
 }
 
 /// A colour image, borrowed from any buffer.
@@ -107,26 +116,19 @@ impl<'a> Image<'a> {
     /// # Errors
     /// Rows that overlap, or a buffer that is too short.
     pub fn with_stride(self, stride: usize) -> Result<Self> {
-        let found = match self.values {
-            Values::Bytes(values) => values.len(),
-            Values::Floats(values) => values.len(),
-        };
         check_rows(
             self.width,
             self.height,
             self.channels.count(),
             stride,
-            found,
+            self.values.len(),
         )?;
         Ok(Self { stride, ..self })
     }
 
     /// Checks that nothing follows the last row: a longer buffer has other channels, or another stride.
     fn check_end(&self) -> Result<(), ImageError> {
-        let found = match self.values {
-            Values::Bytes(values) => values.len(),
-            Values::Floats(values) => values.len(),
-        };
+        let found = self.values.len();
         let expected = self.stride.saturating_mul(self.height);
         if found <= expected {
             return Ok(());
@@ -159,7 +161,7 @@ impl<'a> Image<'a> {
         /// Brighter colours are not from 0 to 1.
         const BRIGHTEST: f32 = 16.0;
         self.check_end()?;
-        let places = self.channels.places();
+        let indices = self.channels.indices();
         let count = self.channels.count();
         let mut rgb = Vec::with_capacity(3 * self.width * self.height);
         for y in 0..self.height {
@@ -170,12 +172,12 @@ impl<'a> Image<'a> {
                 }
                 Values::Bytes(values) => {
                     let pixels = values[row].chunks_exact(count);
-                    rgb.extend(pixels.flat_map(|pixel| places.map(|place| pixel[place])));
+                    rgb.extend(pixels.flat_map(|pixel| indices.map(|index| pixel[index])));
                 }
                 Values::Floats(values) => {
                     for (x, pixel) in values[row].chunks_exact(count).enumerate() {
-                        for place in places {
-                            let value = pixel[place];
+                        for index in indices {
+                            let value = pixel[index];
                             if !value.is_finite() {
                                 return Err(ImageError::NotFinite { x, y }.into());
                             }
@@ -198,6 +200,20 @@ pub(crate) fn check_size(width: usize, height: usize) -> Result<(), ImageError> 
         Some(1..=MAX_PIXELS) => Ok(()),
         _ => Err(ImageError::Size { width, height }),
     }
+}
+
+/// Checks that a map of this size can be used, and has `found` values.
+pub(crate) fn check_length(width: usize, height: usize, found: usize) -> Result<(), ImageError> {
+    check_size(width, height)?;
+    if found == width * height {
+        return Ok(());
+    }
+    Err(ImageError::Length {
+        expected: width * height,
+        found,
+        width,
+        height,
+    })
 }
 
 /// Checks that `found` values hold rows of `width * channels` values, `stride` apart.

@@ -61,6 +61,7 @@ pub mod cloud;
 mod comparison;
 mod completer;
 mod completion;
+mod depth_anything;
 mod depth_guide;
 mod detail;
 mod error;
@@ -69,6 +70,7 @@ pub mod field;
 #[doc(hidden)]
 pub mod fit;
 mod image;
+mod lazy;
 mod map;
 #[doc(hidden)]
 pub mod nearest;
@@ -92,8 +94,11 @@ pub use camera::{Camera, Lens};
 #[doc(inline)]
 pub use cloud::Cloud;
 pub use comparison::{Alternative, Comparison};
+#[doc(hidden)]
+pub use completer::thread_pool;
 pub use completer::{Completer, CompleterBuilder};
 pub use completion::{Completion, Outlier, Report};
+pub use depth_anything::DepthAnything;
 pub use depth_guide::{DepthGuide, GuideKind};
 pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError};
 pub use fit::RANGE;
@@ -119,6 +124,7 @@ const _: () = {
     shared::<Completer>();
     shared::<Scene>();
     shared::<Completion>();
+    shared::<DepthAnything>();
     shared::<Weights>();
     shared::<Observations>();
 };

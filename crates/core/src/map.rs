@@ -1,7 +1,7 @@
 //! Dense and sparse depth maps.
 
-use crate::error::{ImageError, Result};
-use crate::image::check_size;
+use crate::error::Result;
+use crate::image::{check_length, check_size};
 
 /// A map of depths in metres along the optical axis, row by row; 0 means no measurement.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,16 +29,7 @@ impl DepthMap {
     /// # Errors
     /// The number of values is not `width * height`, or the map is empty.
     pub fn new(width: usize, height: usize, mut values: Vec<f32>) -> Result<Self> {
-        check_size(width, height)?;
-        if values.len() != width * height {
-            return Err(ImageError::Length {
-                expected: width * height,
-                found: values.len(),
-                width,
-                height,
-            }
-            .into());
-        }
+        check_length(width, height, values.len())?;
         let mut ignored = 0;
         for value in &mut values {
             if !(value.is_finite() && *value >= 0.0) {

@@ -2,7 +2,7 @@
 
 /// Positions sorted into square cells.
 #[derive(Clone, Debug)]
-pub struct Cells {
+pub struct NeighbourGrid {
     places: Vec<[f64; 2]>,
     /// The places of all cells, one cell after the other, each in their order.
     members: Vec<usize>,
@@ -15,7 +15,7 @@ pub struct Cells {
     rows: usize,
 }
 
-impl Cells {
+impl NeighbourGrid {
     /// Sorts `places` (x, y), which must be finite, into cells of about one position each.
     pub fn new(places: &[[f64; 2]]) -> Self {
         let bound = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| {
@@ -156,7 +156,7 @@ mod tests {
     use lsdc_rng::Rng;
 
     fn agree(places: &[[f64; 2]], step: f64) {
-        let cells = Cells::new(places);
+        let cells = NeighbourGrid::new(places);
         // Beyond the last place too.
         for y in -3..50 {
             for x in -3..70 {

@@ -20,6 +20,14 @@ pub struct Observation {
     pub sigma: Option<f32>,
 }
 
+impl Observation {
+    /// A depth at (u, v) with unknown standard deviation.
+    pub(crate) fn new(u: f64, v: f64, depth: f32) -> Self {
+        let sigma = None;
+        Self { u, v, depth, sigma }
+    }
+}
+
 /// Known depths, in the order in which they were added.
 ///
 /// All values are accepted here: observations that cannot be used are left out and counted when an image is
@@ -35,12 +43,8 @@ impl Observations {
 
     /// The measurements of a map, each at the centre of its pixel.
     pub fn from_map(map: &DepthMap) -> Self {
-        let observation = |point: Point| Observation {
-            u: point.x as f64,
-            v: point.y as f64,
-            depth: point.depth,
-            sigma: None,
-        };
+        let observation =
+            |point: Point| Observation::new(point.x as f64, point.y as f64, point.depth);
         let mut all = Vec::with_capacity(map.count());
         all.extend(map.points().map(observation));
         Self(all)
@@ -48,12 +52,7 @@ impl Observations {
 
     /// Adds a depth at (u, v) with unknown standard deviation.
     pub fn add(&mut self, u: f64, v: f64, depth: f32) {
-        self.push(Observation {
-            u,
-            v,
-            depth,
-            sigma: None,
-        });
+        self.push(Observation::new(u, v, depth));
     }
 
     /// Adds an observation.

@@ -11,9 +11,30 @@ pub(crate) fn resized(rgb: &[u8], from: (usize, usize), to: (usize, usize)) -> R
     if from == to {
         return Ok(rgb.to_vec());
     }
+    resampled_colours(rgb, from, to, FilterType::Bilinear)
+}
+
+/// The same as PIL's `BICUBIC` filter gives them: cubic convolution, which averages all pixels when shrinking.
+pub(crate) fn resized_colours_cubic(
+    rgb: &[u8],
+    from: (usize, usize),
+    to: (usize, usize),
+) -> Result<Vec<u8>> {
+    if from == to {
+        return Ok(rgb.to_vec());
+    }
+    resampled_colours(rgb, from, to, FilterType::CatmullRom)
+}
+
+fn resampled_colours(
+    rgb: &[u8],
+    from: (usize, usize),
+    to: (usize, usize),
+    filter: FilterType,
+) -> Result<Vec<u8>> {
     let [width, height] = sides(from)?;
     let source = TypedImageRef::<U8x3>::from_buffer(width, height, rgb);
-    let found = resampled(&source.map_err(|_| failed(from))?, to, FilterType::Bilinear)?;
+    let found = resampled(&source.map_err(|_| failed(from))?, to, filter)?;
     Ok(found.iter().flat_map(|pixel| pixel.0).collect())
 }
 

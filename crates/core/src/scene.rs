@@ -1,7 +1,7 @@
 //! The network's output for one image, ready for any set of points.
 
-mod again;
 mod complete;
+mod variants;
 
 use crate::bilinear::InterpolationWeights;
 use crate::completer::Completer;
@@ -9,22 +9,22 @@ use crate::depth_guide::DepthGuide;
 use crate::error::Result;
 use crate::field;
 use crate::fit::{
-    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, InlierPosterior, Points,
-    Scene as Placed, dot, judge,
+    Affinities, BasisValues, CosineBasis, EvaluateBasis, FieldGeometry, FitMethod, FitPoints,
+    ImageMoments, InlierPosterior, dot, inlier_posteriors,
 };
 use crate::image::Image;
 use crate::network::{Basis, Forward};
 use crate::observations::Observations;
 use crate::resize::resized;
 use crate::upsampling::Upsampling;
-use crate::usable::Usable;
+use crate::usable::UsableObservations;
 use lsdc_kernels::schedule::join;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Points whose basis functions are held in memory at once.
-const HELD: usize = 1 << 13;
+/// The most points whose basis functions are in memory at once.
+const MOST_EVALUATED: usize = 1 << 13;
 
 /// The basis functions and affinities of an image.
 ///
@@ -38,10 +38,10 @@ struct Inner {
     completer: Completer,
     forward: Arc<dyn Forward>,
     basis: Arc<dyn Basis>,
-    /// As the network gives them: computed immediately for a fit with a field, otherwise on first use.
+    /// The network's output: computed immediately for a fit with a field, otherwise on first use.
     affinities: Arc<OnceLock<Affinities>>,
-    /// The same with the steps of the depth guide.
-    tied: OnceLock<Affinities>,
+    /// The same, lowered at the steps of the depth guide.
+    guided_affinities: OnceLock<Affinities>,
     /// A prediction of depth by other means, whose functions lie between those of the network and the cosines.
     depth_guide: Option<DepthGuide>,
     cosines: CosineBasis,
@@ -58,7 +58,7 @@ struct Inner {
 type Combined = (Vec<f64>, Arc<Vec<f32>>);
 
 impl std::fmt::Debug for Scene {
-    /// Not the numbers, of which there are millions.
+    /// Without the numbers, of which there are millions.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Scene")
             .field("width", &self.width())
@@ -146,7 +146,7 @@ impl Scene {
             forward: forward.into(),
             basis: basis.into(),
             affinities: affinities.unwrap_or_default().into(),
-            tied: OnceLock::new(),
+            guided_affinities: OnceLock::new(),
             depth_guide,
             cosines,
             size: (height, width),
@@ -174,8 +174,8 @@ impl Scene {
         self.0.network
     }
 
-    /// The basis functions that the network found, `[places, N + 1]`, the first being the constant 1, or what the
-    /// weights take in its place, at positions (u, v) of the image in pixels, where (0, 0) is the centre of the first pixel.
+    /// The basis functions of the network, `[places, N + 1]`, the first being the constant 1, or its replacement in some
+    /// weights, at positions (u, v) of the image in pixels, where (0, 0) is the centre of the first pixel.
     pub fn basis_functions(&self, places: &[[f64; 2]]) -> Vec<f32> {
         let inner = &*self.0;
         inner.completer.run(|| inner.basis.at(inner.size, places))
@@ -188,10 +188,10 @@ impl Scene {
     #[doc(hidden)]
     pub fn moments(&self, observations: &Observations) -> Result<ImageMoments> {
         let inner = &*self.0;
-        let usable = Usable::new(observations, inner.size)?;
+        let usable = UsableObservations::new(observations, inner.size)?;
         let bases = inner.at(inner.size, &usable.places);
         Ok(ImageMoments::new(&inner.points(
-            Bases::Rows(&bases),
+            BasisValues::AtPoints(&bases),
             &usable,
             None,
             false,
@@ -200,7 +200,7 @@ impl Scene {
 
     /// The affinities of the image, if they were computed.
     pub(crate) fn known_affinities(&self) -> Option<&Affinities> {
-        self.0.tied.get()
+        self.0.guided_affinities.get()
     }
 
     pub(crate) fn size(&self) -> (usize, usize) {
@@ -223,24 +223,33 @@ impl Scene {
 
     /// The pixels of the field, which has `grid` (height, width), that a position (u, v) of the image is read
     /// from.
-    pub(crate) fn taps(&self, place: [f64; 2], grid: (usize, usize)) -> InterpolationWeights {
+    pub(crate) fn interpolation(
+        &self,
+        place: [f64; 2],
+        grid: (usize, usize),
+    ) -> InterpolationWeights {
         match self.upsampling() {
-            Some(upsampling) => upsampling.taps(place, self.size()),
+            Some(upsampling) => upsampling.interpolation(place, self.size()),
             None => InterpolationWeights::new(place, self.size(), grid),
         }
     }
 
-    /// What the other observations say of each.
-    pub(crate) fn judge(&self, usable: &Usable) -> Result<Vec<InlierPosterior>> {
+    /// The probability that each observation is an inlier, by its prediction from the others.
+    pub(crate) fn inlier_posteriors(
+        &self,
+        usable: &UsableObservations,
+    ) -> Result<Vec<InlierPosterior>> {
         let inner = &*self.0;
         let (config, prior) = (inner.completer.fit_config(), inner.completer.prior());
         inner.completer.run(|| {
-            let rows = inner.held(usable, true);
+            let rows = inner.bases_at_points(usable, true);
             let bases = rows
                 .as_deref()
-                .map_or(Bases::Functions(inner), |rows| Bases::Held(rows, inner));
+                .map_or(BasisValues::Everywhere(inner), |rows| {
+                    BasisValues::Both(rows, inner)
+                });
             let points = inner.points(bases, usable, inner.needed_affinities()?, false);
-            judge(&points, config, prior)
+            inlier_posteriors(&points, config, prior)
         })
     }
 
@@ -260,9 +269,11 @@ impl Inner {
 
     /// The functions at the pixels of the grid around each position, weighted as a map there is read.
     fn read(&self, upsampling: &Upsampling, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
-        let taps = places.iter().map(|&place| upsampling.taps(place, size));
-        let taps: Vec<InterpolationWeights> = taps.collect();
-        let around = taps.iter().flat_map(InterpolationWeights::iter);
+        let interpolation = places
+            .iter()
+            .map(|&place| upsampling.interpolation(place, size));
+        let interpolation: Vec<InterpolationWeights> = interpolation.collect();
+        let around = interpolation.iter().flat_map(InterpolationWeights::iter);
         let mut pixels: Vec<u32> = around.map(|(pixel, _)| pixel).collect();
         pixels.sort_unstable();
         pixels.dedup();
@@ -272,9 +283,9 @@ impl Inner {
         let functions = self.exactly_at(upsampling.grid(), &centres);
         let count = functions.len() / pixels.len().max(1);
         let mut rows = vec![0.0; places.len() * count];
-        let pairs = rows.par_chunks_mut(count.max(1)).zip(&taps);
-        pairs.for_each(|(row, taps)| {
-            for (pixel, share) in taps.iter() {
+        let pairs = rows.par_chunks_mut(count.max(1)).zip(&interpolation);
+        pairs.for_each(|(row, interpolation)| {
+            for (pixel, share) in interpolation.iter() {
                 let place = pixels.partition_point(|&other| other < pixel);
                 let functions = &functions[place * count..][..count];
                 let share = share as f32;
@@ -299,7 +310,7 @@ impl Inner {
             return rows;
         }
         let before = rows.len() / places.len();
-        self.cosines.beside(&rows, before, size, places)
+        self.cosines.append_to(&rows, before, size, places)
     }
 
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
@@ -318,8 +329,7 @@ impl Inner {
         self.depth_guide.as_ref().map_or(0, DepthGuide::count)
     }
 
-    /// The same on the grid that depth is solved on, where a fit with a field and the map that is read from it ask for the
-    /// same weights.
+    /// The same on the grid that depth is solved on, cached: a fit with a field and its map need the same weights.
     fn combined(&self, weights: &[f64]) -> Arc<Vec<f32>> {
         let lock = || self.combined.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, map)) = lock().as_ref().filter(|(known, _)| known == weights) {
@@ -330,13 +340,13 @@ impl Inner {
         map
     }
 
-    /// The basis functions at observations, unless there are so many that they are evaluated at some only: of a fit in
-    /// `rounds`, or of one.
-    fn held(&self, usable: &Usable, rounds: bool) -> Option<Vec<f32>> {
+    /// The basis functions at observations, unless there are so many that a fit evaluates them at a sample: a fit in
+    /// `rounds`, or a single one.
+    fn bases_at_points(&self, usable: &UsableObservations, rounds: bool) -> Option<Vec<f32>> {
         let grid = self.grid();
-        // Where a map of the grid says what they add up to at all points, a fit without rounds evaluates them at some.
+        // Where their sum at all points is read from a map of the grid, a fit without rounds evaluates a sample.
         let most = if rounds || self.upsampling.is_none() {
-            HELD
+            MOST_EVALUATED
         } else {
             field::MOST
         };
@@ -361,8 +371,8 @@ impl Inner {
     }
 
     fn affinities(&self) -> Result<&Affinities> {
-        if let Some(tied) = self.tied.get() {
-            return Ok(tied);
+        if let Some(guided_affinities) = self.guided_affinities.get() {
+            return Ok(guided_affinities);
         }
         let own = if let Some(own) = self.affinities.get() {
             own
@@ -373,38 +383,38 @@ impl Inner {
         };
         // A field alone takes no guide.
         let joint = self.completer.fit_config().method == FitMethod::Joint;
-        let tied = match self.depth_guide.as_ref().filter(|_| joint) {
+        let guided_affinities = match self.depth_guide.as_ref().filter(|_| joint) {
             None => own.clone(),
-            Some(guide) => own.shared(&guide.ties(own.size())),
+            Some(guide) => own.scaled_by(&guide.affinity_shares(own.size())),
         };
-        Ok(self.tied.get_or_init(|| tied))
+        Ok(self.guided_affinities.get_or_init(|| guided_affinities))
     }
 
     fn points<'a>(
         &'a self,
-        bases: Bases<'a>,
-        usable: &'a Usable,
+        bases: BasisValues<'a>,
+        usable: &'a UsableObservations,
         affinities: Option<&'a Affinities>,
-        once: bool,
-    ) -> Points<'a> {
+        transient: bool,
+    ) -> FitPoints<'a> {
         let size = self.size;
-        Points {
+        FitPoints {
             bases,
             guides: self.guides(),
             depths: usable.fitted(),
             deviations: usable.fitted_deviations(),
             places: Some(&usable.places),
-            scene: affinities.map(|affinities| Placed {
+            geometry: affinities.map(|affinities| FieldGeometry {
                 affinities,
                 size,
                 upsampling: self.upsampling.as_deref(),
-                once,
+                transient,
             }),
         }
     }
 }
 
-impl Functions for Inner {
+impl EvaluateBasis for Inner {
     fn count(&self) -> usize {
         self.at(self.size, &[[0.0; 2]]).len()
     }
@@ -419,14 +429,16 @@ impl Functions for Inner {
             let map: Vec<f64> = map.iter().copied().map(f64::from).collect();
             let places = places.par_iter();
             return places
-                .map(|&place| upsampling.taps(place, self.size).read(&map))
+                .map(|&place| upsampling.interpolation(place, self.size).read(&map))
                 .collect();
         }
-        let strips = places.par_chunks(HELD / 8).flat_map_iter(|places| {
-            let rows = self.at(self.size, places);
-            let rows = rows.chunks_exact(weights.len().max(1));
-            rows.map(|row| dot(row, weights)).collect::<Vec<_>>()
-        });
+        let strips = places
+            .par_chunks(MOST_EVALUATED / 8)
+            .flat_map_iter(|places| {
+                let rows = self.at(self.size, places);
+                let rows = rows.chunks_exact(weights.len().max(1));
+                rows.map(|row| dot(row, weights)).collect::<Vec<_>>()
+            });
         strips.collect()
     }
 
@@ -440,7 +452,7 @@ impl Functions for Inner {
 }
 
 /// Colours minus their mean, divided by their standard deviation.
-fn normalised(rgb: &[u8], mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
+pub(crate) fn normalised(rgb: &[u8], mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
     let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
         std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])
     });

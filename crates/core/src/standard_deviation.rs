@@ -1,21 +1,21 @@
-//! How far a completed depth may be off: the scale of the error at every pixel, and the intervals that hold a
+//! The standard deviation of completed depths: the scale of the error at every pixel, and the intervals that contain a
 //! given share of errors.
 
 use crate::completion::Completion;
 use crate::error::{FitError, Result, SettingsError};
 use crate::fit::student_t::{self, ONE_DEVIATION};
 use crate::fit::{
-    Affinities, CalibrationNode, FitMethod, LocalNoise, PixelFeatures, Smooth, Window,
+    Affinities, CalibrationNode, FitMethod, LocalNoise, PixelFeatures, SmoothField, Window,
 };
 use crate::image::check_size;
 use crate::map::DepthMap;
-use crate::nearest::Cells;
+use crate::nearest::NeighbourGrid;
 use rayon::prelude::*;
 
 /// Degrees of freedom with which Student's t is normal.
 const NORMAL: f64 = 1e6;
 
-/// Number of pixels whose basis functions are held in memory at once.
+/// Number of pixels whose basis functions are in memory at once.
 const STRIP: usize = 1 << 13;
 
 impl Completion {
@@ -64,7 +64,7 @@ impl Completion {
     /// The degrees of freedom of the distribution of errors; `None` if it is taken to be normal, because the
     /// weights or the settings of the fit have no other calibration.
     pub fn freedom(&self) -> Option<f64> {
-        self.error_model().map(|knot| knot.freedom)
+        self.error_model().map(|node| node.freedom)
     }
 
     fn error_model(&self) -> Option<CalibrationNode> {
@@ -74,17 +74,17 @@ impl Completion {
     }
 
     fn deviations(&self, size: (usize, usize)) -> Result<Vec<f32>> {
-        let Some(knot) = self.error_model() else {
+        let Some(node) = self.error_model() else {
             return self.normal_deviations(size);
         };
         let (features, from) = self.features()?;
-        let unit = student_t::bound(ONE_DEVIATION, knot.freedom) * self.mean_depth();
+        let unit = student_t::bound(ONE_DEVIATION, node.freedom) * self.mean_depth();
         let scales: Vec<f64> = features
             .par_iter()
-            .map(|features| unit * knot.scale(features))
+            .map(|features| unit * node.scale(features))
             .collect();
         let mut values = vec![0.0; size.0 * size.1];
-        Smooth::new(from, &scales).add_to(size, &mut values);
+        SmoothField::new(from, &scales).add_to(size, &mut values);
         Ok(values)
     }
 
@@ -97,11 +97,11 @@ impl Completion {
     pub fn features(&self) -> Result<(Vec<PixelFeatures>, (usize, usize))> {
         /// Standard deviation of the window of affinities, as a share of the root of the number of blocks.
         const WINDOW: f64 = 1.0 / 64.0;
-        /// Less than these tell no more: relief and noise over the mean depth, and the variance that weights add.
+        /// Lower bounds: relief and noise over the mean depth, and the variance that weights add.
         const LEAST: f64 = 1e-3;
         const LEAST_NOISE: f64 = 1e-6;
         const LEAST_FIELD: f64 = 1e-30;
-        /// Mean distances between points: nearer than this, the field tells more.
+        /// In mean distances between points: at shorter distances, other features are better.
         const CLOSE: f64 = 0.1;
         let noise = self.local_noise()?;
         let (scene, fit) = (self.scene(), self.fit());
@@ -114,7 +114,7 @@ impl Completion {
         let mean = self.mean_depth();
         let (depth, relief) = self.depth_and_relief(affinities);
         let window = Window::new(WINDOW * ((height * width) as f64).sqrt());
-        let edges = window.means(&affinities.of_blocks().logarithms(), width);
+        let edges = window.means(&affinities.by_block().logarithms(), width);
         let whole = fit.noise().sqrt().max(LEAST_NOISE * mean);
         let (right, down) = (
             scene.width() as f64 / width as f64,
@@ -122,7 +122,7 @@ impl Completion {
         );
         let log = |value: f64| (value as f32).ln();
         let level = (whole / mean).ln() as f32;
-        let near = Cells::new(&self.usable().places);
+        let neighbours = NeighbourGrid::new(&self.usable().places);
         let area = (scene.width() * scene.height()) as f64;
         let spacing = (area / self.usable().places.len() as f64).sqrt();
         let blocks = (0..height * width).into_par_iter();
@@ -130,7 +130,7 @@ impl Completion {
             let (x, y) = ((block % width) as f64 + 0.5, (block / width) as f64 + 0.5);
             let place = [x * right - 0.5, y * down - 0.5];
             let local = noise.at(x * right, y * down).sqrt() / whole;
-            near.find(place, 1, nearest);
+            neighbours.find(place, 1, nearest);
             let away = nearest[0].0.sqrt() / spacing;
             let features: PixelFeatures = [
                 1.0,
@@ -192,7 +192,7 @@ impl Completion {
         }
         let (places, size) = (&self.usable().places, self.scene().size());
         let noise = LocalNoise::new(fit, self.leverages(), places, size);
-        if noise.is_silent() {
+        if noise.is_unknown() {
             let what = "the points say nothing of how far the depth is off between them";
             return Err(FitError::TooFewPoints(what).into());
         }
@@ -214,7 +214,7 @@ impl Completion {
         if let Some(variances) = fit.variances(|size, places| scene.at(size, places))? {
             let pairs = variances.field.iter().zip(&variances.weights);
             let deviations: Vec<f64> = pairs.map(|(a, b)| (a + b).sqrt()).collect();
-            Smooth::new(variances.size, &deviations).add_to((height, width), &mut values);
+            SmoothField::new(variances.size, &deviations).add_to((height, width), &mut values);
             let pixels = values.par_iter_mut().enumerate();
             pixels.for_each(|(pixel, value)| {
                 *value = (factor * noise_at(pixel).sqrt() * f64::from(*value)) as f32;

@@ -5,7 +5,7 @@
 //! plane is interpolated bilinearly where colours are even, and where they are not, each side of an edge is read
 //! from its own side.
 
-use crate::bilinear::{InterpolationWeights, neighbours};
+use crate::bilinear::{InterpolationWeights, containing, neighbours};
 use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
@@ -37,14 +37,14 @@ type Between = (usize, usize, f32);
 
 /// A rectangle of pixels of the image.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) struct Cell {
+pub(crate) struct PixelBlock {
     columns: RangeInclusive<usize>,
     rows: RangeInclusive<usize>,
 }
 
-impl Cell {
+impl PixelBlock {
     /// Whether the pixel in this column and row lies in it.
-    pub(crate) fn holds(&self, [x, y]: [usize; 2]) -> bool {
+    pub(crate) fn contains(&self, [x, y]: [usize; 2]) -> bool {
         self.columns.contains(&x) && self.rows.contains(&y)
     }
 }
@@ -80,7 +80,7 @@ impl Upsampling {
     }
 
     /// The pixels of the image whose centres lie in the same pixel of the grid as that of this one.
-    pub(crate) fn cell(&self, pixel: usize) -> Cell {
+    pub(crate) fn cell(&self, pixel: usize) -> PixelBlock {
         let same = |place: usize, size: usize, grid: usize| {
             let cell = |place: usize| containing(place as f64, size, grid);
             let own = cell(place);
@@ -88,7 +88,7 @@ impl Upsampling {
             let last = (place + 1..size).take_while(|&p| cell(p) == own).last();
             first.unwrap_or(place)..=last.unwrap_or(place)
         };
-        Cell {
+        PixelBlock {
             columns: same(pixel % self.size.1, self.size.1, self.grid.1),
             rows: same(pixel / self.size.1, self.size.0, self.grid.0),
         }
@@ -101,7 +101,7 @@ impl Upsampling {
 
     /// The pixels of the grid that a position (u, v) is read from, in an image of `size` (height, width), which
     /// need not be that of the image whose edges are followed: the colour is that of its pixel at this position.
-    pub fn taps(&self, [u, v]: [f64; 2], size: (usize, usize)) -> InterpolationWeights {
+    pub fn interpolation(&self, [u, v]: [f64; 2], size: (usize, usize)) -> InterpolationWeights {
         let row = containing(v, size.0, self.size.0);
         let column = containing(u, size.1, self.size.1);
         let here = colour(&self.image, row * self.size.1 + column);
@@ -112,7 +112,7 @@ impl Upsampling {
         InterpolationWeights::new([u, v], size, self.grid).weighted(alike)
     }
 
-    /// A map of the grid at every pixel of an image of `size` (height, width), as [`Self::taps`] read it.
+    /// A map of the grid at every pixel of an image of `size` (height, width), as [`Self::interpolation`] read it.
     pub fn enlarge(&self, values: &[f32], size: (usize, usize)) -> Vec<f32> {
         assert_eq!(values.len(), self.grid.0 * self.grid.1, "values");
         let axis = |from: usize, to: usize| -> Vec<Between> {
@@ -226,12 +226,6 @@ impl Corners {
             output[x] = sum / total;
         }
     }
-}
-
-/// The pixel on an axis of `to` pixels that contains a position on an axis of `from` pixels.
-fn containing(place: f64, from: usize, to: usize) -> usize {
-    let scaled = (place + 0.5) * to as f64 / from.max(1) as f64;
-    (scaled.max(0.0) as usize).min(to.saturating_sub(1))
 }
 
 #[inline(always)]
@@ -350,10 +344,10 @@ mod tests {
             let found = upsampling.enlarge(&map, size);
             for (i, value) in found.iter().enumerate() {
                 let place = [(i % size.1) as f64, (i / size.1) as f64];
-                let taps = upsampling.taps(place, size);
-                let total: f64 = taps.iter().map(|(_, share)| share).sum();
+                let interpolation = upsampling.interpolation(place, size);
+                let total: f64 = interpolation.iter().map(|(_, share)| share).sum();
                 assert!((total - 1.0).abs() < 1e-12);
-                assert!((taps.read(&values) - f64::from(*value)).abs() < 1e-5);
+                assert!((interpolation.read(&values) - f64::from(*value)).abs() < 1e-5);
             }
         }
     }

@@ -11,11 +11,11 @@ const MOST: f32 = 1e15;
 
 /// The observations that a fit can use, in their order.
 #[derive(Clone, Debug)]
-pub(crate) struct Usable {
+pub(crate) struct UsableObservations {
     /// Number of observations given.
     pub(crate) given: usize,
     /// The indices of the usable observations.
-    pub(crate) which: Vec<usize>,
+    pub(crate) indices: Vec<usize>,
     pub(crate) places: Vec<[f64; 2]>,
     pub(crate) depths: Vec<f32>,
     /// Standard deviations, if any is known.
@@ -26,10 +26,10 @@ pub(crate) struct Usable {
     pub(crate) invalid: usize,
     pub(crate) outside: usize,
     /// Number of observations without a standard deviation, if others have one.
-    pub(crate) without: usize,
+    pub(crate) without_deviation: usize,
 }
 
-impl Usable {
+impl UsableObservations {
     /// The usable observations for an image of `size` (height, width).
     pub(crate) fn new(observations: &Observations, size: (usize, usize)) -> Result<Self, FitError> {
         let mut usable = Self::as_given(observations, size)?;
@@ -47,27 +47,27 @@ impl Usable {
         let given = observations.len();
         let mut usable = Self {
             given,
-            which: Vec::with_capacity(given),
+            indices: Vec::with_capacity(given),
             places: Vec::with_capacity(given),
             depths: Vec::with_capacity(given),
             deviations: None,
             smoothed: None,
             invalid: 0,
             outside: 0,
-            without: 0,
+            without_deviation: 0,
         };
-        let sound = |v: f32| (LEAST..=MOST).contains(&v);
+        let is_usable = |v: f32| (LEAST..=MOST).contains(&v);
         // A standard deviation that is 0, negative or not finite is unknown.
-        let known = |point: &Observation| point.sigma.filter(|&sigma| sound(sigma));
+        let known = |point: &Observation| point.sigma.filter(|&sigma| is_usable(sigma));
         let any = observations.iter().any(|point| known(point).is_some());
         let mut deviations = Vec::with_capacity(if any { given } else { 0 });
         for (i, point) in observations.iter().enumerate() {
             let &Observation { u, v, depth, .. } = point;
             let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
-            if !(sound(depth) && u.is_finite() && v.is_finite()) {
+            if !(is_usable(depth) && u.is_finite() && v.is_finite()) {
                 usable.invalid += 1;
             } else if inside(u, width) && inside(v, height) {
-                usable.which.push(i);
+                usable.indices.push(i);
                 usable.places.push([u, v]);
                 usable.depths.push(depth);
                 if any {
@@ -77,12 +77,12 @@ impl Usable {
                 usable.outside += 1;
             }
         }
-        if usable.which.is_empty() {
-            return Err(usable.none());
+        if usable.indices.is_empty() {
+            return Err(usable.no_observations());
         }
-        let without = deviations.iter().filter(|sigma| sigma.is_none()).count();
-        if without < deviations.len() {
-            usable.without = without;
+        let without_deviation = deviations.iter().filter(|sigma| sigma.is_none()).count();
+        if without_deviation < deviations.len() {
+            usable.without_deviation = without_deviation;
             usable.deviations = Some(deviations);
         }
         Ok(usable)
@@ -102,7 +102,7 @@ impl Usable {
     }
 
     /// The error that no observation can be used.
-    pub(crate) fn none(&self) -> FitError {
+    pub(crate) fn no_observations(&self) -> FitError {
         FitError::NoObservations {
             given: self.given,
             invalid: self.invalid,
@@ -111,9 +111,9 @@ impl Usable {
     }
 
     /// Expands values of the usable observations to all given ones, with NaN for the others.
-    pub(crate) fn spread(&self, values: &[f64]) -> Vec<f64> {
+    pub(crate) fn scatter(&self, values: &[f64]) -> Vec<f64> {
         let mut all = vec![f64::NAN; self.given];
-        for (&i, &value) in self.which.iter().zip(values) {
+        for (&i, &value) in self.indices.iter().zip(values) {
             all[i] = value;
         }
         all
@@ -142,7 +142,7 @@ impl Observations {
     /// assert!(points.check(640, 480).is_ok());
     /// ```
     pub fn check(&self, width: usize, height: usize) -> Result<()> {
-        Usable::as_given(self, (height, width))?;
+        UsableObservations::as_given(self, (height, width))?;
         Ok(())
     }
 }

@@ -1,6 +1,5 @@
 //! Settings of a fit that are laid over those of weights.
 
-use crate::renamed::renamed;
 use lsdc_core::fit::FitConfig;
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -26,9 +25,7 @@ impl FitSettings {
     /// An unknown key, or a value out of range.
     pub fn over(&self, fit: &FitConfig) -> Result<FitConfig> {
         let Self(mut table) = Self::all(fit)?;
-        let mut given = self.0.clone();
-        renamed(&mut given);
-        merge(&mut table, given);
+        merge(&mut table, self.0.clone());
         let fit: FitConfig = table.try_into().map_err(unfit)?;
         fit.check()?;
         Ok(fit)

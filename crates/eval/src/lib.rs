@@ -25,6 +25,10 @@ pub mod evaluation;
 pub mod fit_settings;
 pub mod metrics;
 pub mod predict;
-pub mod renamed;
 pub mod report;
 pub mod sampling;
+
+/// The indices at most `reach` from `at`, among those below `length`.
+fn window(at: usize, reach: usize, length: usize) -> std::ops::Range<usize> {
+    at.saturating_sub(reach)..at.saturating_add(reach + 1).min(length)
+}

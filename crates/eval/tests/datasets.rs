@@ -8,8 +8,8 @@ mod scans;
 use hdf5_pure::FileBuilder;
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use lsdc_eval::data::{
-    DataConfig, Dataset, DatasetKind, DepthMap, Depths, DiodeConfig, FolderConfig, Frame,
-    NyuConfig, Place, Split, write_depth_png, write_npy, write_rgb,
+    DataConfig, Dataset, DatasetKind, DepthMap, Depths, DiodeConfig, Environment, FolderConfig,
+    Frame, NyuConfig, Split, write_depth_png, write_npy, write_rgb,
 };
 use scans::write_list;
 use std::path::{Path, PathBuf};
@@ -183,7 +183,11 @@ fn nyu_is_the_same_in_every_form() {
         ("png", "JPEG and 16-bit PNG"),
     ] {
         let frames = open(DatasetKind::Nyu, &at(form), Split::Val).unwrap();
-        assert!(frames.about().contains(words), "{form}: {}", frames.about());
+        assert!(
+            frames.description().contains(words),
+            "{form}: {}",
+            frames.description()
+        );
         assert_eq!(frames.len(), 4, "{form}");
         for (i, n) in official.into_iter().enumerate() {
             assert_eq!(frames.id(i), format!("{n:05}"), "{form}");
@@ -199,7 +203,7 @@ fn the_labelled_file_follows_the_official_split() {
     write_mat(&path, 1449);
     let frames = open(DatasetKind::Nyu, folder.path(), Split::Val).unwrap();
     assert_eq!(frames.len(), 654);
-    assert!(frames.about().contains("official split"));
+    assert!(frames.description().contains("official split"));
     // The third test frame is the ninth of all.
     assert_eq!(frames.id(2), "00009");
     same(&frames.load(2).unwrap(), 8);
@@ -309,14 +313,22 @@ fn diode_is_found_by_its_list_or_by_walking() {
     }
     let check = |words: &str| {
         let frames = open(DatasetKind::Diode, folder.path(), Split::Val).unwrap();
-        assert!(frames.about().contains(words), "{}", frames.about());
+        assert!(
+            frames.description().contains(words),
+            "{}",
+            frames.description()
+        );
         assert_eq!(frames.len(), 3);
         for i in 0..3 {
             let found = frames.load(i).unwrap();
             same(&found, i);
             assert_eq!(
                 found.place,
-                if i < 2 { Place::Indoor } else { Place::Outdoor }
+                if i < 2 {
+                    Environment::Indoor
+                } else {
+                    Environment::Outdoor
+                }
             );
             let mask = found.mask.unwrap();
             assert!(
@@ -336,7 +348,7 @@ fn diode_is_found_by_its_list_or_by_walking() {
         dataset: DatasetKind::Diode,
         root: Some(folder.path().to_owned()),
         diode: DiodeConfig {
-            place: Some(Place::Outdoor),
+            place: Some(Environment::Outdoor),
         },
         ..DataConfig::default()
     };
@@ -385,7 +397,7 @@ fn kitti_is_read_in_both_layouts() {
         let frames = open(DatasetKind::Kitti, &root, Split::Val).unwrap();
         assert_eq!(frames.len(), 1);
         let found = frames.load(0).unwrap();
-        assert_eq!(found.place, Place::Outdoor);
+        assert_eq!(found.place, Environment::Outdoor);
         assert_eq!(found.rgb, frame(1).0);
         assert_eq!(found.depth.at(3, 2), 1.0 + (2 * WIDTH + 3) as f32 / 256.0);
         let points = found.sparse.unwrap();
@@ -607,12 +619,12 @@ fn scans_are_returns_rounded_to_pixels() {
         ["b", "town/a"]
     );
     assert_eq!(frames.protocol(), "scans");
-    let about = frames.about();
+    let about = frames.description();
     let counts =
         "11 returns; left out: 3 outside of the image, 2 without a positive depth, 2 behind";
     assert!(about.contains(counts), "{about}");
     let scan = frames.load(1).unwrap();
-    assert_eq!((&scan.rgb, scan.place), (&rgb, Place::Outdoor));
+    assert_eq!((&scan.rgb, scan.place), (&rgb, Environment::Outdoor));
     let found: Vec<_> = scan.depth.points().map(|p| (p.x, p.y, p.depth)).collect();
     assert_eq!(found, [(0, 0, 4.0), (4, 2, 7.0), (11, 8, 70.0)]);
     assert_eq!(scan.sparse.as_ref(), Some(&scan.depth));
@@ -636,7 +648,7 @@ fn broken_scans_are_errors_of_their_frame() {
         write(&mut archive);
         archive.finish().unwrap();
         let frames = open(DatasetKind::Scans, folder.path(), Split::Val).unwrap();
-        assert!(frames.about().contains("0 returns"));
+        assert!(frames.description().contains("0 returns"));
         let error = frames.load(0).unwrap_err();
         assert_eq!(error.cause(), lsdc_files::error::Cause::Format);
         error.to_string()

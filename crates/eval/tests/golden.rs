@@ -6,7 +6,7 @@
 use image::RgbImage;
 use lsdc_classic::{Classic, distances};
 use lsdc_eval::data::{DepthMap, Frame};
-use lsdc_eval::metrics::{Difference, Metric, Rules, Scores};
+use lsdc_eval::metrics::{Metric, PairedDifference, Rules, Scores};
 use lsdc_eval::sampling::{Interpolation, Pattern, Size, resize_depth, resize_rgb};
 use serde_json::Value;
 use std::path::Path;
@@ -99,7 +99,7 @@ fn measures_are_those_of_scikit_learn() {
     }
     let pairs = golden["pairs"].as_array().unwrap();
     let pairs = pairs.iter().map(floats).map(|pair| (pair[0], pair[1]));
-    let difference = Difference::of(pairs).unwrap();
+    let difference = PairedDifference::of(pairs).unwrap();
     let expected = &golden["difference"];
     assert!((difference.low - expected["low"].as_f64().unwrap()).abs() < 1e-8);
     assert!((difference.high - expected["high"].as_f64().unwrap()).abs() < 1e-8);

@@ -1,13 +1,13 @@
 //! What the columns of a table without names are: pixels and depth, or a cloud.
 
 use super::Camera;
-use super::files::{Columns, Table};
+use super::files::{ColumnMeaning, PointTable};
 use super::grid::pixel;
 use crate::error::{Error, Result};
 use std::path::Path;
 
 /// What every meaning of the columns would make of the points.
-struct Evidence {
+struct ColumnEvidence {
     /// The share of the points with a positive depth that lie in the image, taken as u, v, depth.
     as_pixels: f64,
     /// The share of all points that the camera sees in the image, taken as x, y, z.
@@ -26,11 +26,11 @@ struct Evidence {
 /// hardly any lies before the camera. Anything else is refused.
 pub(super) fn meaning(
     path: &Path,
-    table: &Table,
+    table: &PointTable,
     camera: Option<&Camera>,
     size: (usize, usize),
     metres: f64,
-) -> Result<Columns> {
+) -> Result<ColumnMeaning> {
     /// So few points of a list of pixels lie in the image by chance, taken as a cloud.
     const CHANCE: f64 = 0.1;
     /// Keypoints may lie a little outside, where an image was undistorted or cut.
@@ -38,8 +38,8 @@ pub(super) fn meaning(
     /// A cloud in metres takes so few pixels: a room one or two hundredths of an image.
     const CROWDED: f64 = 0.1;
     match table.columns {
-        Columns::Unnamed => {}
-        Columns::Outliers => {
+        ColumnMeaning::Unnamed => {}
+        ColumnMeaning::Outliers => {
             return Err(Error::format(
                 path,
                 "is a list of outliers: points that disagree with the others",
@@ -51,13 +51,13 @@ pub(super) fn meaning(
         }
         named => return Ok(named),
     }
-    let found = Evidence::of(table, camera, size, metres);
+    let found = ColumnEvidence::of(table, camera, size, metres);
     let mostly_pixels = found.as_pixels >= 0.5;
     let in_image = found.as_pixels >= NEARLY_ALL;
     let crowded = !found.whole && found.spread < CROWDED;
     let (width, height) = size;
     match camera {
-        None if in_image && !crowded => Ok(Columns::Pixels),
+        None if in_image && !crowded => Ok(ColumnMeaning::Pixels),
         None => Err(Error::format(
             path,
             format!(
@@ -75,8 +75,8 @@ pub(super) fn meaning(
             "if they are x, y, z of a cloud, give --camera; if they are pixels, name the columns in \
              the first line: `u,v,depth`",
         )),
-        Some(_) if !mostly_pixels && found.as_space > 0.0 => Ok(Columns::Space),
-        Some(_) if found.as_pixels == 1.0 && found.as_space < CHANCE => Ok(Columns::Pixels),
+        Some(_) if !mostly_pixels && found.as_space > 0.0 => Ok(ColumnMeaning::Space),
+        Some(_) if found.as_pixels == 1.0 && found.as_space < CHANCE => Ok(ColumnMeaning::Pixels),
         Some(_) => Err(Error::format(
             path,
             format!(
@@ -93,8 +93,8 @@ pub(super) fn meaning(
     }
 }
 
-impl Evidence {
-    fn of(table: &Table, camera: Option<&Camera>, size: (usize, usize), metres: f64) -> Self {
+impl ColumnEvidence {
+    fn of(table: &PointTable, camera: Option<&Camera>, size: (usize, usize), metres: f64) -> Self {
         /// So few may be the only ones of an image, wherever they are.
         const FEW: usize = 8;
         let (mut deep, mut in_image, mut finite, mut seen) = (0_usize, 0_usize, 0_usize, 0_usize);
@@ -113,8 +113,9 @@ impl Evidence {
                 low = [low[0].min(u), low[1].min(v)];
                 high = [high[0].max(u), high[1].max(v)];
             }
-            let place = camera.and_then(|camera| camera.project(row.values.map(|v| v * metres)));
-            seen += usize::from(place.is_some_and(|(place, _)| pixel(place, size).is_some()));
+            let position = camera.and_then(|camera| camera.project(row.values.map(|v| v * metres)));
+            seen +=
+                usize::from(position.is_some_and(|(position, _)| pixel(position, size).is_some()));
         }
         if deep < FEW {
             low = low.map(|v| v.min(0.0));
@@ -133,25 +134,25 @@ impl Evidence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::Row;
+    use crate::files::TableRow;
 
     const SIZE: (usize, usize) = (640, 480);
 
-    fn table(points: impl Iterator<Item = [f64; 3]>) -> Table {
-        let row = |(number, values)| Row {
+    fn table(points: impl Iterator<Item = [f64; 3]>) -> PointTable {
+        let row = |(number, values)| TableRow {
             number,
             values,
             fourth: None,
         };
-        Table {
-            columns: Columns::Unnamed,
+        PointTable {
+            columns: ColumnMeaning::Unnamed,
             rows: points.enumerate().map(row).collect(),
             row: "row",
         }
     }
 
     /// Points spread evenly over three ranges.
-    fn spread(low: [f64; 3], high: [f64; 3]) -> Table {
+    fn spread(low: [f64; 3], high: [f64; 3]) -> PointTable {
         table((0..1000).map(|i| {
             let share = |step: usize| (i * step % 1000) as f64 / 999.0;
             let shares = [share(1), share(37), share(211)];
@@ -168,10 +169,13 @@ mod tests {
         // What lies right and below of the axis, near it, could be the first pixels too.
         let corner = spread([0.0, 0.0, 2.0], [0.5, 0.5, 3.0]);
         let decide = |table, camera| meaning(Path::new("a.npy"), table, camera, SIZE, 1.0);
-        assert_eq!(decide(&pixels, None).unwrap(), Columns::Pixels);
-        assert_eq!(decide(&pixels, Some(&camera)).unwrap(), Columns::Pixels);
-        assert_eq!(decide(&cloud, Some(&camera)).unwrap(), Columns::Space);
-        assert_eq!(decide(&scan, Some(&camera)).unwrap(), Columns::Space);
+        assert_eq!(decide(&pixels, None).unwrap(), ColumnMeaning::Pixels);
+        assert_eq!(
+            decide(&pixels, Some(&camera)).unwrap(),
+            ColumnMeaning::Pixels
+        );
+        assert_eq!(decide(&cloud, Some(&camera)).unwrap(), ColumnMeaning::Space);
+        assert_eq!(decide(&scan, Some(&camera)).unwrap(), ColumnMeaning::Space);
         for (table, camera) in [(&corner, Some(&camera)), (&cloud, None), (&scan, None)] {
             let error = decide(table, camera).unwrap_err();
             assert!(
@@ -184,7 +188,7 @@ mod tests {
 
     #[test]
     fn without_a_camera_a_cloud_is_not_taken_for_pixels() {
-        let decide = |table: &Table| meaning(Path::new("a.npy"), table, None, SIZE, 1.0);
+        let decide = |table: &PointTable| meaning(Path::new("a.npy"), table, None, SIZE, 1.0);
         for (name, cloud) in [
             ("corner", spread([0.0, 0.0, 2.0], [0.5, 0.5, 3.0])),
             ("table top", spread([-0.5, -0.5, 0.4], [0.5, 0.5, 1.0])),
@@ -219,7 +223,7 @@ mod tests {
             ("a line", spread([0.5, 239.5, 1.0], [638.5, 239.5, 8.0])),
             ("keypoints", spread([-8.5, -6.5, 1.0], [642.5, 482.5, 8.0])),
         ] {
-            assert_eq!(decide(&pixels).unwrap(), Columns::Pixels, "{name}");
+            assert_eq!(decide(&pixels).unwrap(), ColumnMeaning::Pixels, "{name}");
         }
         // Without a depth nothing can be told.
         assert!(decide(&table([[1.0, 1.0, 0.0]].into_iter())).is_err());
@@ -227,8 +231,8 @@ mod tests {
 
     #[test]
     fn outliers_are_no_points_to_fit() {
-        let outliers = Table {
-            columns: Columns::Outliers,
+        let outliers = PointTable {
+            columns: ColumnMeaning::Outliers,
             ..spread([0.0, 0.0, 1.0], [639.0, 479.0, 8.0])
         };
         let error = meaning(Path::new("a.csv"), &outliers, None, SIZE, 1.0).unwrap_err();
@@ -238,8 +242,8 @@ mod tests {
 
     #[test]
     fn names_need_no_evidence() {
-        for columns in [Columns::Pixels, Columns::Space] {
-            let named = Table {
+        for columns in [ColumnMeaning::Pixels, ColumnMeaning::Space] {
+            let named = PointTable {
                 columns,
                 ..spread([-1.0; 3], [1.0; 3])
             };

@@ -1,12 +1,12 @@
 //! What is in a file that nobody has described.
 
+use super::file_unit::FileUnit;
 use super::files::{
-    CLOUDS, Columns, IMAGES, Table, Visit, has_ending, image_kind, images_below, is_grey_tiff,
-    read_cloud, read_upright,
+    CLOUDS, ColumnMeaning, IMAGES, PointTable, PointVisitor, has_ending, image_kind, images_below,
+    is_grey_tiff, read_cloud, read_upright,
 };
-use super::known_unit::KnownUnit;
 use super::sparse::is_table;
-use super::stored::{DEPTHS, Stored, StoredMap, read_stored};
+use super::stored::{DEPTHS, DepthFile, StoredMap, read_depth_file};
 use super::{Camera, Colmap, DepthMap, Orientation, Unit};
 use crate::error::{Error, Result};
 use crate::foreign::check_foreign;
@@ -96,7 +96,7 @@ impl Contents {
                     size,
                     kind,
                     orientation: image.orientation,
-                    remarks: image.doubts.iter().map(ToString::to_string).collect(),
+                    remarks: image.warnings.iter().map(ToString::to_string).collect(),
                 });
             }
         }
@@ -105,32 +105,35 @@ impl Contents {
                 .hint("images, depth maps, tables and clouds of points, cameras, weights and recordings are read"));
         }
         // As no image tells otherwise, three or four columns are a table.
-        match read_stored(path, unit.into(), |array| is_table(array, &[]))? {
-            Stored::Map(map) => Ok(Self::Map(Box::new(map))),
-            Stored::Table(table, _) if table.columns == Columns::Space => {
+        match read_depth_file(path, unit.into(), |array| is_table(array, &[]))? {
+            DepthFile::Map(map) => Ok(Self::Map(Box::new(map))),
+            DepthFile::Table(table, _) if table.columns == ColumnMeaning::Space => {
                 read_bounds(&mut |visit| {
                     table.rows.iter().for_each(|row| visit(row.values));
                     Ok(())
                 })
             }
-            Stored::Table(table, known) => Ok(Self::of_table(&table, known)),
+            DepthFile::Table(table, known) => Ok(Self::of_table(&table, known)),
         }
     }
 
-    fn of_table(table: &Table, known: KnownUnit) -> Self {
+    fn of_table(table: &PointTable, known: FileUnit) -> Self {
         let metres = known.unit.metres();
         let points = table.rows.iter().map(|row| {
             let [u, v, depth] = row.values;
             [u, v, depth * metres]
         });
-        let good = |point: &[f64; 3]| point[2] > 0.0 && point.iter().all(|v| v.is_finite());
-        let found: Vec<[f64; 3]> = points.filter(good).collect();
+        let is_valid = |point: &[f64; 3]| point[2] > 0.0 && point.iter().all(|v| v.is_finite());
+        let found: Vec<[f64; 3]> = points.filter(is_valid).collect();
         Self::List {
             ignored: table.rows.len() - found.len(),
             deviations: table.rows.iter().any(|row| row.fourth.is_some()),
             points: found,
             unit: known.unit,
-            named: matches!(table.columns, Columns::Pixels | Columns::Outliers),
+            named: matches!(
+                table.columns,
+                ColumnMeaning::Pixels | ColumnMeaning::Outliers
+            ),
         }
     }
 
@@ -189,7 +192,7 @@ fn of_report(path: &Path, error: Error) -> Error {
 const CAMERAS: [&str; 4] = ["toml", "json", "yaml", "yml"];
 
 /// The bounds of the points of a cloud, which are visited by `visit_all`.
-fn read_bounds(visit_all: &mut dyn FnMut(&mut Visit<'_>) -> Result<()>) -> Result<Contents> {
+fn read_bounds(visit_all: &mut dyn FnMut(&mut PointVisitor<'_>) -> Result<()>) -> Result<Contents> {
     let (mut count, mut ignored) = (0, 0);
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     visit_all(&mut |point| {
@@ -214,7 +217,7 @@ fn read_bounds(visit_all: &mut dyn FnMut(&mut Visit<'_>) -> Result<()>) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Colored, write_depth_png, write_npy, write_ply, write_rgb};
+    use crate::{ColoredPoint, write_depth_png, write_npy, write_ply, write_rgb};
     use image::RgbImage;
 
     #[test]
@@ -229,8 +232,8 @@ mod tests {
         std::fs::write(at("cloud.csv"), "x,y,z\n1,2,3\n-1,5,nan\n0,7,1\n").unwrap();
         std::fs::write(at("camera.toml"), "fx = 5\nfy = 5\ncx = 2\ncy = 1\n").unwrap();
         let corners = [[1.0, 2.0, 3.0], [-1.0, 5.0, f64::NAN], [0.0, 7.0, 1.0]];
-        let cloud = corners.map(|place| Colored {
-            place,
+        let cloud = corners.map(|position| ColoredPoint {
+            position,
             color: [0; 3],
             sigma: None,
         });

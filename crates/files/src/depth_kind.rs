@@ -17,14 +17,14 @@ pub enum DepthKind {
 
 /// How stored depths are to be read, as far as the user says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StoredAs {
+pub struct DepthReadOptions {
     /// Their unit. Else millimetres for integers and metres for other numbers.
     pub unit: Option<Unit>,
     /// What they measure. Else depths along the axis.
     pub kind: Option<DepthKind>,
 }
 
-impl From<Option<Unit>> for StoredAs {
+impl From<Option<Unit>> for DepthReadOptions {
     fn from(unit: Option<Unit>) -> Self {
         Self { unit, kind: None }
     }

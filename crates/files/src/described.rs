@@ -1,8 +1,44 @@
 //! A completion in numbers, by the names that `lsdc complete --json` and the service share: metres, and counts of pixels.
 
-use crate::Cloud;
+use crate::error::Result;
+use crate::{ColoredCloud, Sparse, Unit, png_unit, raised_in_png};
 use lsdc_core::{Completion, DepthMap, Outlier};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+
+/// More points than this are tested for outliers only on request: the test takes several fits.
+pub const MOST_TESTED: usize = 10_000;
+
+/// The points of a completion.
+#[derive(Clone, Debug, Serialize)]
+pub struct DescribedPoints {
+    /// Points that were fitted.
+    pub used: usize,
+    /// NaN, infinite or not positive.
+    pub ignored: usize,
+    /// Outside the image.
+    pub outside: usize,
+    /// Behind others.
+    pub hidden: usize,
+    /// The unit that their depths were stored in.
+    pub unit: String,
+    /// Whether the unit is a guess.
+    pub unit_guessed: bool,
+}
+
+impl DescribedPoints {
+    /// The counts of reading the points, and of their fit if one was made.
+    pub fn new(points: &Sparse, completion: Option<&Completion>) -> Self {
+        let report = completion.map(Completion::report);
+        Self {
+            used: report.map_or(points.points.len(), |report| report.used),
+            ignored: points.ignored + report.map_or(0, |report| report.invalid),
+            outside: points.outside + report.map_or(0, |report| report.outside),
+            hidden: points.hidden,
+            unit: points.unit.to_string(),
+            unit_guessed: points.guessed,
+        }
+    }
+}
 
 /// A depth map.
 #[derive(Clone, Debug, Serialize)]
@@ -34,6 +70,40 @@ impl DescribedDepth {
     }
 }
 
+/// Counts the pixels whose depth was limited to ten times the range of the points.
+pub fn clamped_pixels(completion: &Completion, map: &DepthMap) -> usize {
+    let (low, high) = completion.limits();
+    let depths = map.values().iter();
+    depths.filter(|&&d| d <= low || d >= high).count()
+}
+
+/// A 16-bit PNG of depths.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct DescribedPng {
+    /// Its unit; in JSON, how many units make a metre.
+    #[serde(rename = "png_units_per_metre", serialize_with = "per_metre")]
+    pub unit: Unit,
+    /// Pixels that hold one unit, as they are nearer than half of it.
+    #[serde(rename = "png_raised", skip_serializing_if = "is_zero")]
+    pub raised: usize,
+}
+
+impl DescribedPng {
+    /// The PNG of a map.
+    ///
+    /// # Errors
+    /// A depth that does not fit.
+    pub fn new(map: &DepthMap) -> Result<Self> {
+        let unit = png_unit(map)?;
+        let raised = raised_in_png(map, unit.metres());
+        Ok(Self { unit, raised })
+    }
+}
+
+fn per_metre<S: Serializer>(unit: &Unit, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.serialize_f64(1.0 / unit.metres())
+}
+
 /// What a cloud has of the pixels.
 #[derive(Clone, Debug, Serialize)]
 pub struct DescribedCloud {
@@ -49,8 +119,8 @@ pub struct DescribedCloud {
     pub merged: usize,
 }
 
-impl From<&Cloud> for DescribedCloud {
-    fn from(cloud: &Cloud) -> Self {
+impl From<&ColoredCloud> for DescribedCloud {
+    fn from(cloud: &ColoredCloud) -> Self {
         Self {
             points: cloud.points.len(),
             uncertain: cloud.uncertain,

@@ -6,9 +6,9 @@ pub(super) use lsdc_core::cloud::pixel;
 /// More pixels than any image has that fits into memory as depths: 1 GiB of them.
 const MOST: usize = 1 << 28;
 
-/// Where on `to` pixels lies what is at `place` on `from` pixels of the same view.
-pub(super) fn rescaled(place: f64, from: usize, to: usize) -> f64 {
-    (place + 0.5) * (to as f64 / from.max(1) as f64) - 0.5
+/// Where on `to` pixels lies what is at `position` on `from` pixels of the same view.
+pub(super) fn rescaled(position: f64, from: usize, to: usize) -> f64 {
+    (position + 0.5) * (to as f64 / from.max(1) as f64) - 0.5
 }
 
 /// Whether two sizes (width, height) are of the same shape, but for the rounding to whole pixels.
@@ -31,10 +31,10 @@ pub(super) fn nearest_pixels(
     [u, v]: [f64; 2],
     (width, height): (usize, usize),
 ) -> impl Iterator<Item = usize> {
-    let nearest = |place: f64, length: usize| {
+    let nearest = |position: f64, length: usize| {
         let last = length.saturating_sub(1) as f64;
-        let low = (place - 0.5).ceil().clamp(0.0, last) as usize;
-        let high = (place + 0.5).floor().clamp(0.0, last) as usize;
+        let low = (position - 0.5).ceil().clamp(0.0, last) as usize;
+        let high = (position + 0.5).floor().clamp(0.0, last) as usize;
         low.min(high)..=high
     };
     let columns = nearest(u, width);
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn a_place_between_pixels_belongs_to_all_of_them() {
-        let found = |place| nearest_pixels(place, (4, 3)).collect::<Vec<_>>();
+        let found = |position| nearest_pixels(position, (4, 3)).collect::<Vec<_>>();
         assert_eq!(found([1.2, 0.6]), [5]);
         assert_eq!(found([1.5, 0.0]), [1, 2]);
         assert_eq!(found([1.5, 0.5]), [1, 2, 5, 6]);

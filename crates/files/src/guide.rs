@@ -1,9 +1,9 @@
 //! Dense predictions of depth by other programs, as guides of a completion.
 
+use super::file_unit::FileUnit;
 use super::files::{has_ending, stored_unit};
-use super::known_unit::KnownUnit;
 use super::stored::read_raster;
-use crate::doubts::{Doubt, marks_in_guide};
+use crate::checks::{Warning, marks_in_guide};
 use crate::error::{Error, Result};
 use lsdc_core::{DepthGuide, GuideKind};
 use std::fmt::{Display, Formatter};
@@ -96,7 +96,7 @@ impl GuideSource {
     ///
     /// # Errors
     /// As [`Self::file_for`] and [`Self::read`].
-    pub fn read_for(&self, frame: &str) -> Result<(DepthGuide, Vec<Doubt>)> {
+    pub fn read_for(&self, frame: &str) -> Result<(DepthGuide, Vec<Warning>)> {
         // Whatever follows the last dot of an image's name is taken for its ending.
         self.read(&self.file_for(Path::new(&format!("{frame}.")))?)
     }
@@ -106,7 +106,7 @@ impl GuideSource {
     ///
     /// # Errors
     /// A file that cannot be read, is no map, or holds no two different values.
-    pub fn read(&self, file: &Path) -> Result<(DepthGuide, Vec<Doubt>)> {
+    pub fn read(&self, file: &Path) -> Result<(DepthGuide, Vec<Warning>)> {
         let numpy = has_ending(file, "npy") || has_ending(file, "npz");
         if self.kind == GuideKind::Log && !numpy {
             return Err(Error::format(
@@ -118,25 +118,25 @@ impl GuideSource {
         let Some((mut raster, _)) = read_raster(file).map_err(|e| self.advised(e))? else {
             return Err(Error::format(file, "is a table of points, not a map"));
         };
-        let mut doubts = std::mem::take(&mut raster.doubts);
-        doubts.retain(|doubt| !doubt.is_of_kind());
+        let mut warnings = std::mem::take(&mut raster.warnings);
+        warnings.retain(|warning| !warning.is_of_kind());
         if self.kind != GuideKind::Log {
             let (numbers, declared) = (raster.numbers, raster.declared);
-            doubts.extend(marks_in_guide(&mut raster.values, numbers, declared));
+            warnings.extend(marks_in_guide(&mut raster.values, numbers, declared));
         }
         let (columns, rows) = (raster.columns, raster.rows);
         let values = if numpy {
             raster.values
         } else {
             // Units do not matter.
-            let unit = KnownUnit::new(stored_unit(file), raster.numbers).unit;
+            let unit = FileUnit::new(stored_unit(file), raster.numbers).unit;
             let value = |v: f32| if v > 0.0 { v } else { f32::NAN };
             let map = raster.scaled(unit.metres())?;
             map.into_values().into_iter().map(value).collect()
         };
         let guide = DepthGuide::new(self.kind, columns, rows, &values)
             .map_err(|e| Error::of_core(e, format!("`{}`", file.display())))?;
-        Ok((guide, doubts))
+        Ok((guide, warnings))
     }
 
     /// The error of a file that cannot be read, with the kinds of guides if a colon may name one.
@@ -196,8 +196,8 @@ mod tests {
         let values = (0..100).map(|i| if i < 30 { 1e10 } else { 1.0 + i as f32 });
         write_npy(&file, &DepthMap::new(10, 10, values.collect()).unwrap()).unwrap();
         let source: GuideSource = file.to_str().unwrap().parse().unwrap();
-        let (guide, doubts) = source.read(&file).unwrap();
-        assert_eq!((guide.missing(), doubts.len()), (30, 1));
+        let (guide, warnings) = source.read(&file).unwrap();
+        assert_eq!((guide.missing(), warnings.len()), (30, 1));
     }
 
     #[test]

@@ -18,20 +18,21 @@
 
 mod camera;
 mod certain;
+pub mod checks;
 mod cloud;
 mod colmap;
 mod columns;
 mod contents;
 mod depth_kind;
 mod described;
-pub mod doubts;
 pub mod error;
+mod file_unit;
 mod files;
 mod foreign;
 mod grid;
 mod guide;
-mod known_unit;
 mod orientation;
+mod pose;
 mod raster;
 mod sparse;
 mod stored;
@@ -39,15 +40,18 @@ mod unit;
 
 pub use camera::{Camera, CameraInfo};
 pub use certain::without_uncertain;
-pub use cloud::{Cloud, CloudOptions};
+pub use cloud::{CloudOptions, ColoredCloud};
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
-pub use depth_kind::{DepthKind, StoredAs};
-pub use described::{DescribedCloud, DescribedDepth, DescribedFit};
+pub use depth_kind::{DepthKind, DepthReadOptions};
+pub use described::{
+    DescribedCloud, DescribedDepth, DescribedFit, DescribedPng, DescribedPoints, MOST_TESTED,
+    clamped_pixels,
+};
 pub use files::{
-    Colored, Hdf5, NumberList, Unfinished, Upright, are_far, check_output, check_writable,
-    encode_depth_png, encode_exr, encode_npy, encode_npz, encode_ply, from_planes, has_ending,
-    hide_caught_panics, image_size, images_below, is_depth_image, is_image, png_unit,
+    AtomicFile, ColoredPoint, Hdf5, NumberList, UprightImage, are_far, check_output,
+    check_writable, encode_depth_png, encode_exr, encode_npy, encode_npz, encode_ply, from_planes,
+    has_ending, hide_caught_panics, image_size, images_below, is_depth_image, is_image, png_unit,
     raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_npz_lists, read_pair,
     read_rgb, read_upright, reading_at_most, remove_leftovers, stored_unit, would_replace,
     write_atomically, write_colour_map, write_depth_png, write_exr, write_folder_atomically,
@@ -57,6 +61,7 @@ pub use foreign::check_foreign;
 pub use guide::{GUIDE_ENDINGS, GuideSource};
 pub use lsdc_core::{DepthMap, Point};
 pub use orientation::Orientation;
+pub use pose::rotation_matrix;
 pub use sparse::Sparse;
 pub use stored::StoredMap;
 pub use unit::Unit;

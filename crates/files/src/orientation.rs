@@ -31,12 +31,7 @@ impl Orientation {
 
     /// Width and height of the upright image.
     pub fn upright(&self) -> (usize, usize) {
-        let (width, height) = self.stored;
-        if self.swaps() {
-            (height, width)
-        } else {
-            (width, height)
-        }
+        self.swapped(self.stored)
     }
 
     /// The value of the EXIF tag, 1 to 8.
@@ -51,13 +46,18 @@ impl Orientation {
 
     /// The same way to turn an image whose upright size is another.
     #[must_use]
-    pub(super) fn resized(&self, (width, height): (usize, usize)) -> Self {
-        let stored = if self.swaps() {
+    pub(super) fn resized(&self, upright: (usize, usize)) -> Self {
+        let stored = self.swapped(upright);
+        Self { stored, ..*self }
+    }
+
+    /// Width and height, or height and width if rows become columns.
+    fn swapped(&self, (width, height): (usize, usize)) -> (usize, usize) {
+        if self.swaps() {
             (height, width)
         } else {
             (width, height)
-        };
-        Self { stored, ..*self }
+        }
     }
 
     /// Where in the upright image a stored place appears.
@@ -66,8 +66,8 @@ impl Orientation {
     }
 
     /// Where a place of the upright image is stored.
-    pub(super) fn turned_back(&self, place: [f64; 2]) -> [f64; 2] {
-        let [u, v] = self.mirrored(place);
+    pub(super) fn turned_back(&self, position: [f64; 2]) -> [f64; 2] {
+        let [u, v] = self.mirrored(position);
         if self.swaps() { [v, u] } else { [u, v] }
     }
 
@@ -112,10 +112,10 @@ mod tests {
                 "{exif}"
             );
             for (x, y, value) in stored.enumerate_pixels() {
-                let place = [f64::from(x), f64::from(y)];
-                let [u, v] = orientation.turned(place);
+                let position = [f64::from(x), f64::from(y)];
+                let [u, v] = orientation.turned(position);
                 assert_eq!(upright.get_pixel(u as u32, v as u32), value, "{exif}");
-                assert_eq!(orientation.turned_back([u, v]), place, "{exif}");
+                assert_eq!(orientation.turned_back([u, v]), position, "{exif}");
             }
         }
     }

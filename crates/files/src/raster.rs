@@ -1,8 +1,8 @@
 //! Numbers of pixels as a file stores them, before they become depths.
 
-use crate::doubts::{Doubt, Known, Numbers, is_rotated, leave_out_marks, rotate_back};
+use crate::checks::{NumberFormat, NumberType, Warning, is_rotated, leave_out_marks, rotate_back};
 use crate::error::Result;
-use crate::known_unit::KnownUnit;
+use crate::file_unit::FileUnit;
 use crate::{DepthMap, Orientation, Unit};
 
 /// Numbers in rows, and what the file says of them.
@@ -13,16 +13,20 @@ pub(crate) struct Raster {
     /// Row by row.
     pub(crate) values: Vec<f32>,
     /// What they are stored as.
-    pub(crate) numbers: Numbers,
+    pub(crate) numbers: NumberType,
     /// The value that the file declares as no measurement.
     pub(crate) declared: Option<f64>,
     /// Whether 0 alone marks no measurement, as in files that this program wrote.
     pub(crate) plain: bool,
-    pub(crate) doubts: Vec<Doubt>,
+    pub(crate) warnings: Vec<Warning>,
 }
 
 impl Raster {
-    pub(crate) fn new((columns, rows): (usize, usize), values: Vec<f32>, numbers: Numbers) -> Self {
+    pub(crate) fn new(
+        (columns, rows): (usize, usize),
+        values: Vec<f32>,
+        numbers: NumberType,
+    ) -> Self {
         Self {
             rows,
             columns,
@@ -30,7 +34,7 @@ impl Raster {
             numbers,
             declared: None,
             plain: false,
-            doubts: Vec::new(),
+            warnings: Vec::new(),
         }
     }
 
@@ -42,8 +46,8 @@ impl Raster {
         }
         let (columns, rows) = orientation.upright();
         let stored = std::mem::replace(&mut self.values, vec![0.0; columns * rows]);
-        for (place, value) in stored.into_iter().enumerate() {
-            let (u, v) = (place % self.columns, place / self.columns);
+        for (index, value) in stored.into_iter().enumerate() {
+            let (u, v) = (index % self.columns, index / self.columns);
             let [u, v] = orientation.turned([u as f64, v as f64]);
             self.values[v as usize * columns + u as usize] = value;
         }
@@ -55,41 +59,41 @@ impl Raster {
     }
 
     /// The map in metres: number x `metres`. Marks of no measurement are left out.
-    pub(crate) fn depth(mut self, metres: f64) -> Result<(DepthMap, Vec<Doubt>)> {
+    pub(crate) fn depth(mut self, metres: f64) -> Result<(DepthMap, Vec<Warning>)> {
         self.leave_out_marks(metres);
-        Ok((self.scaled(metres)?, self.doubts))
+        Ok((self.scaled(metres)?, self.warnings))
     }
 
     /// As [`Self::depth`] in a unit that the file does not declare. If it is a guess, the bits of SUN RGB-D are
     /// rotated back.
-    pub(crate) fn depth_in(mut self, known: KnownUnit) -> Result<(DepthMap, Vec<Doubt>)> {
+    pub(crate) fn depth_in(mut self, known: FileUnit) -> Result<(DepthMap, Vec<Warning>)> {
         /// Half a metre in the numbers of SUN RGB-D.
         const ROOM: f32 = 4000.0;
         let metres = known.unit.metres();
         self.leave_out_marks(metres);
         let unsure = known.is_guessed() || known.unit == Unit::MILLIMETRE;
-        if unsure && self.numbers == Numbers::unsigned(16) && is_rotated(&self.values) {
+        if unsure && self.numbers == NumberType::unsigned(16) && is_rotated(&self.values) {
             if known.is_guessed() && median(&self.values) >= ROOM {
                 rotate_back(&mut self.values);
-                self.doubts.push(Doubt::Rotated);
+                self.warnings.push(Warning::Rotated);
             } else {
-                self.doubts.push(Doubt::MaybeRotated);
+                self.warnings.push(Warning::MaybeRotated);
             }
         }
-        Ok((self.scaled(metres)?, self.doubts))
+        Ok((self.scaled(metres)?, self.warnings))
     }
 
     fn leave_out_marks(&mut self, metres: f64) {
         if self.plain {
             return;
         }
-        let known = Known {
+        let known = NumberFormat {
             numbers: self.numbers,
             metres,
             declared: self.declared,
         };
         let found = leave_out_marks(&mut self.values, &known);
-        self.doubts.extend(found);
+        self.warnings.extend(found);
     }
 
     /// The numbers times `metres`, whatever they mark.

@@ -1,14 +1,14 @@
 //! Depths as files hold them, before they meet an image: maps, and tables of points.
 
 use super::files::{
-    CLOUDS, Columns, Row, Table, has_ending, read_array, read_exr, read_grey, read_h5, read_npz,
-    read_pfm, read_table, read_tiff, stored_unit,
+    CLOUDS, ColumnMeaning, PointTable, TableRow, has_ending, read_array, read_exr, read_grey,
+    read_h5, read_npz, read_pfm, read_table, read_tiff, stored_unit,
 };
-use super::{DepthMap, StoredAs, Unit};
-use crate::doubts::{Doubt, Numbers, constant, doubt_of_name};
+use super::{DepthMap, DepthReadOptions, Unit};
+use crate::checks::{NumberType, Warning, constant, name_warning};
 use crate::error::{Error, Result};
+use crate::file_unit::FileUnit;
 use crate::foreign::check_foreign;
-use crate::known_unit::KnownUnit;
 use crate::raster::Raster;
 use std::path::Path;
 
@@ -37,32 +37,32 @@ impl StoredMap {
     pub fn of_numbers(
         (width, height): (usize, usize),
         values: Vec<f32>,
-        numbers: Numbers,
+        numbers: NumberType,
         unit: Option<Unit>,
     ) -> Result<Self> {
-        let known = KnownUnit::new(unit, numbers);
+        let known = FileUnit::new(unit, numbers);
         let raster = Raster::new((width, height), values, numbers);
-        let (depth, doubts) = raster.depth(known.unit.metres())?;
-        let doubt = known.doubt(depth.points().map(|point| point.depth).collect());
+        let (depth, warnings) = raster.depth(known.unit.metres())?;
+        let warning = known.warning(depth.points().map(|point| point.depth).collect());
         Ok(Self {
             depth,
             sigma: None,
             unit: known.unit,
             guessed: false,
-            remarks: doubts
+            remarks: warnings
                 .iter()
                 .map(ToString::to_string)
-                .chain(doubt)
+                .chain(warning)
                 .collect(),
         })
     }
 }
 
 /// What a file holds.
-pub(super) enum Stored {
+pub(super) enum DepthFile {
     Map(StoredMap),
     /// Points in the unit of the file.
-    Table(Table, KnownUnit),
+    Table(PointTable, FileUnit),
 }
 
 /// The endings of maps and tables.
@@ -77,24 +77,27 @@ pub(super) fn endings() -> impl Iterator<Item = &'static str> {
 
 /// Reads a file by its ending. Arrays for which `is_table` are tables. A unit that the file itself says
 /// stands where none is given.
-pub(super) fn read_stored(
+pub(super) fn read_depth_file(
     path: &Path,
-    how: StoredAs,
+    options: DepthReadOptions,
     is_table: impl Fn(&Raster) -> bool,
-) -> Result<Stored> {
-    let in_file = how.unit.is_none().then(|| stored_unit(path)).flatten();
-    let known = |numbers| KnownUnit::new(how.unit.or(in_file), numbers);
+) -> Result<DepthFile> {
+    let in_file = options.unit.is_none().then(|| stored_unit(path)).flatten();
+    let known = |numbers| FileUnit::new(options.unit.or(in_file), numbers);
     let Some((raster, sigma)) = read_raster(path)? else {
-        return Ok(Stored::Table(read_table(path)?, known(Numbers::Floats)));
+        return Ok(DepthFile::Table(
+            read_table(path)?,
+            known(NumberType::Floats),
+        ));
     };
     let known = known(raster.numbers);
     let may_be_table = has_ending(path, "npy") || has_ending(path, "npz");
     if may_be_table && is_table(&raster) {
-        return Ok(Stored::Table(table(&raster), known));
+        return Ok(DepthFile::Table(table(&raster), known));
     }
     let metres = known.unit.metres();
     let sigma = sigma.map(|mut sigma| sigma.scaled(metres)).transpose()?;
-    let (depth, mut doubts) = if in_file.is_some() {
+    let (depth, mut warnings) = if in_file.is_some() {
         raster.depth(metres)?
     } else {
         raster.depth_in(known)?
@@ -102,15 +105,15 @@ pub(super) fn read_stored(
     if let Some(sigma) = &sigma {
         check_sizes(path, &depth, sigma)?;
     }
-    doubts.extend(kind_by_name(path).filter(|_| !doubts.iter().any(Doubt::is_of_kind)));
-    doubts.retain(|doubt| how.kind.is_none() || !doubt.is_of_kind());
-    doubts.extend(constant(depth.points().map(|point| point.depth)));
+    warnings.extend(kind_by_name(path).filter(|_| !warnings.iter().any(Warning::is_of_kind)));
+    warnings.retain(|warning| options.kind.is_none() || !warning.is_of_kind());
+    warnings.extend(constant(depth.points().map(|point| point.depth)));
     let depths = depth.points().map(|point| point.depth).collect();
-    let unit = known.doubt(depths);
-    let doubts = doubts.iter().map(ToString::to_string);
-    Ok(Stored::Map(StoredMap {
+    let unit = known.warning(depths);
+    let warnings = warnings.iter().map(ToString::to_string);
+    Ok(DepthFile::Map(StoredMap {
         guessed: known.is_guessed() || unit.is_some(),
-        remarks: doubts.chain(unit).collect(),
+        remarks: warnings.chain(unit).collect(),
         depth,
         sigma,
         unit: known.unit,
@@ -150,16 +153,16 @@ pub(super) fn read_raster(path: &Path) -> Result<Option<(Raster, Option<Raster>)
     found.map(Some)
 }
 
-/// A doubt if a file is called as distances along the ray or inverse depths are, or as those of Hypersim.
-fn kind_by_name(path: &Path) -> Option<Doubt> {
+/// A warning if a file name denotes distances along the ray or inverse depths, or is one of Hypersim.
+fn kind_by_name(path: &Path) -> Option<Warning> {
     let name = path.file_stem()?.to_string_lossy();
     let hypersim =
         name.ends_with("depth_meters") && (has_ending(path, "hdf5") || has_ending(path, "h5"));
     if hypersim {
         let name = format!("`{name}` is called as a file of Hypersim, which");
-        return Some(Doubt::RayDistance { name });
+        return Some(Warning::RayDistance { name });
     }
-    doubt_of_name(&name, || format!("a file called `{name}`"))
+    name_warning(&name, || format!("a file called `{name}`"))
 }
 
 fn check_sizes(path: &Path, depth: &DepthMap, sigma: &DepthMap) -> Result<()> {
@@ -176,15 +179,15 @@ fn check_sizes(path: &Path, depth: &DepthMap, sigma: &DepthMap) -> Result<()> {
     ))
 }
 
-fn table(array: &Raster) -> Table {
+fn table(array: &Raster) -> PointTable {
     let rows = array.values.chunks_exact(array.columns).enumerate();
-    let row = |(number, row): (usize, &[f32])| Row {
+    let row = |(number, row): (usize, &[f32])| TableRow {
         number,
         values: [row[0], row[1], row[2]].map(f64::from),
         fourth: row.get(3).map(|&value| f64::from(value)),
     };
-    Table {
-        columns: Columns::Unnamed,
+    PointTable {
+        columns: ColumnMeaning::Unnamed,
         rows: rows.map(row).collect(),
         row: "row",
     }
@@ -198,18 +201,22 @@ mod tests {
     fn every_ending_that_is_said_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let error = |name: &str| {
-            let read = read_stored(&folder.path().join(name), StoredAs::default(), |_| false);
+            let read = read_depth_file(
+                &folder.path().join(name),
+                DepthReadOptions::default(),
+                |_| false,
+            );
             read.err().map(|error| error.to_string())
         };
         for ending in DEPTHS {
             // There is no such file, but a reader for it.
-            let said = error(&format!("a.{ending}")).unwrap();
-            assert!(!said.contains("no kind of depth file"), "{said}");
+            let text = error(&format!("a.{ending}")).unwrap();
+            assert!(!text.contains("no kind of depth file"), "{text}");
         }
         // BMP has no grey of 16 bits, and its reader knows colours only.
         for name in ["a.doc", "a.bmp"] {
-            let said = error(name).unwrap();
-            assert!(said.contains("no kind of depth file"), "{said}");
+            let text = error(name).unwrap();
+            assert!(text.contains("no kind of depth file"), "{text}");
         }
     }
 }

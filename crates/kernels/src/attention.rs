@@ -1,12 +1,12 @@
 //! The parts of a transformer (Vaswani et al. 2017) beside its matrix products: layer normalisation, GELU, and
 //! attention.
 //!
-//! Tokens are rows. However many threads share the rows, each result is the same bits.
+//! Tokens are rows. Results are the same bits for any number of threads.
 
 use crate::simd::{Level, Packed, Scratch, Shared, Tail};
 use rayon::prelude::*;
 
-/// Sums that run side by side, as many as the longest vector has lanes.
+/// Parallel partial sums, as many as the longest vector has lanes.
 const LANES: usize = 16;
 /// Queries of one task: whole register tiles of every level.
 const QUERIES: usize = 84;
@@ -101,26 +101,26 @@ pub fn attention(
         let (keys, values) = &packed[head];
         scratch.with(count * (2 * depth + tokens), |memory| {
             let (queries, memory) = memory.split_at_mut(count * depth);
-            let (answers, shares) = memory.split_at_mut(count * depth);
+            let (outputs, scores) = memory.split_at_mut(count * depth);
             for (i, query) in queries.chunks_exact_mut(depth).enumerate() {
                 let from = (first + i) * 3 * width + head * depth;
                 query.copy_from_slice(&rows[from..][..depth]);
             }
-            keys.apply(queries, Tail::default(), shares);
+            keys.apply(queries, Tail::default(), scores);
             level.vectorised(
                 #[inline(always)]
                 || {
-                    for row in shares.chunks_exact_mut(tokens) {
+                    for row in scores.chunks_exact_mut(tokens) {
                         softmax(row);
                     }
                 },
             );
-            values.apply(shares, Tail::default(), answers);
-            for (i, answer) in answers.chunks_exact(depth).enumerate() {
+            values.apply(scores, Tail::default(), outputs);
+            for (i, head_output) in outputs.chunks_exact(depth).enumerate() {
                 let place = (first + i) * width + head * depth;
                 // SAFETY: each task has tokens and a head of its own, inside the output.
                 let to = unsafe { std::slice::from_raw_parts_mut(output.at(place, depth), depth) };
-                to.copy_from_slice(answer);
+                to.copy_from_slice(head_output);
             }
         });
     });
@@ -129,19 +129,17 @@ pub fn attention(
 /// Exponentials, divided by their sum.
 #[inline(always)]
 fn softmax(row: &mut [f32]) {
-    let mut most = [f32::NEG_INFINITY; LANES];
-    let (whole, rest) = row.as_chunks::<LANES>();
-    for values in whole {
-        for (most, value) in most.iter_mut().zip(values) {
-            *most = if *value > *most { *value } else { *most };
+    let mut maxima = [f32::NEG_INFINITY; LANES];
+    let (chunks, remainder) = row.as_chunks::<LANES>();
+    for values in chunks {
+        for (max, value) in maxima.iter_mut().zip(values) {
+            *max = if *value > *max { *value } else { *max };
         }
     }
-    let most = most
-        .iter()
-        .chain(rest)
-        .fold(f32::NEG_INFINITY, |a, b| a.max(*b));
+    let all = maxima.iter().chain(remainder);
+    let max = all.fold(f32::NEG_INFINITY, |a, b| a.max(*b));
     for value in row.iter_mut() {
-        *value = exponential(*value - most);
+        *value = exponential(*value - max);
     }
     let scale = sum(row, |v| v).recip();
     for value in row {
@@ -153,20 +151,20 @@ fn softmax(row: &mut [f32]) {
 #[inline(always)]
 fn sum(values: &[f32], of: impl Fn(f32) -> f32) -> f32 {
     let mut sums = [0.0; LANES];
-    let (whole, rest) = values.as_chunks::<LANES>();
-    for values in whole {
+    let (chunks, remainder) = values.as_chunks::<LANES>();
+    for values in chunks {
         for (sum, value) in sums.iter_mut().zip(values) {
             *sum += of(*value);
         }
     }
-    for (sum, value) in sums.iter_mut().zip(rest) {
+    for (sum, value) in sums.iter_mut().zip(remainder) {
         *sum += of(*value);
     }
     sums.iter().sum()
 }
 
-/// `e^x` for x of at most 0, to a relative error of 2e-7, and 0 below the smallest normal number. Without a branch,
-/// so that it is done for whole vectors.
+/// `e^x` for x of at most 0, to a relative error of 2e-7, and 0 below the smallest normal number. It has no branch, so
+/// that the compiler vectorises it.
 #[inline(always)]
 fn exponential(x: f32) -> f32 {
     /// Added to a number up to 2^22, it leaves the nearest integer in the last bits.
@@ -178,8 +176,8 @@ fn exponential(x: f32) -> f32 {
     let bounded = if x > LEAST { x } else { LEAST };
     let shifted = bounded * std::f32::consts::LOG2_E + ROUND;
     let whole = shifted - ROUND;
-    let rest = bounded - whole * HIGH - whole * LOW;
-    // Taylor's series; |rest| is at most ln 2 / 2.
+    let remainder = bounded - whole * HIGH - whole * LOW;
+    // Taylor's series; |remainder| is at most ln 2 / 2.
     let mut series = 1.0 / 5040.0;
     for factor in [
         1.0 / 720.0,
@@ -190,7 +188,7 @@ fn exponential(x: f32) -> f32 {
         1.0,
         1.0,
     ] {
-        series = series * rest + factor;
+        series = series * remainder + factor;
     }
     let power = f32::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23));
     if x > LEAST { series * power } else { 0.0 }
@@ -214,10 +212,6 @@ mod tests {
     use super::*;
     use lsdc_rng::Rng;
     use rayon::ThreadPoolBuilder;
-
-    fn levels() -> impl Iterator<Item = Level> {
-        Level::ALL.into_iter().filter(|level| level.is_available())
-    }
 
     fn drawn(length: usize) -> Vec<f32> {
         let mut rng = Rng::stream(4, &["attention"]);
@@ -255,7 +249,7 @@ mod tests {
             (8.0, 8.0),
             (-12.0, 0.0),
         ];
-        for level in levels() {
+        for level in Level::available() {
             let mut values: Vec<f32> = cases.iter().map(|case| case.0).collect();
             gelu(level, &mut values);
             for ((x, exact), found) in cases.iter().zip(&values) {
@@ -272,7 +266,7 @@ mod tests {
         const CHANNELS: usize = 37;
         let x = drawn(5 * CHANNELS);
         let (gain, shift) = (drawn(CHANNELS), drawn(CHANNELS + 1)[1..].to_vec());
-        for level in levels() {
+        for level in Level::available() {
             let mut output = vec![0.0; x.len()];
             layer_norm(level, &x, (&gain, &shift), 1e-6, &mut output);
             for (x, output) in x.chunks(CHANNELS).zip(output.chunks(CHANNELS)) {
@@ -313,7 +307,7 @@ mod tests {
                     }
                 }
             }
-            for level in levels() {
+            for level in Level::available() {
                 let found = |threads: usize| {
                     let pool = ThreadPoolBuilder::new()
                         .num_threads(threads)

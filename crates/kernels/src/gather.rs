@@ -1,7 +1,8 @@
-//! Weighted sums of four rows of a table, as bilinear interpolation takes them, and their transpose.
+//! Weighted sums of four rows of a table, as in bilinear interpolation, and their transpose.
 //!
 //! Sums run in the order of the cells, so results do not depend on the number of threads.
 
+use crate::check_rows;
 use crate::schedule::InTasks;
 use crate::simd::{Blend, Level, Unset, write_blends, written};
 use rayon::prelude::*;
@@ -9,30 +10,30 @@ use rayon::prelude::*;
 /// Cells that are computed as one piece.
 const PIECE: usize = 512;
 
-/// Four rows of a table and their shares.
+/// Four rows of a table and their weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cell {
+pub struct BilinearCell {
     /// Rows, which may be the same.
     pub rows: [u32; 4],
     /// The weight of each.
     pub shares: [f32; 4],
 }
 
-/// The sums of four rows of each of some tables, `tables [tables, rows, channels]`, for its cells, of which all have
-/// equally many: `[tables, cells, channels]`.
+/// The weighted sums `[tables, cells, channels]` of rows of `tables [tables, rows, channels]`, for the cells of each
+/// table.
 ///
 /// # Panics
 /// If `tables` are not rows of `channels`, equally many for each list of cells, if a list is longer than another, or a cell
 /// names a row that its table lacks.
-pub fn gather(tables: &[f32], channels: usize, cells: &[Vec<Cell>]) -> Vec<f32> {
-    check(tables, channels);
+pub fn gather(tables: &[f32], channels: usize, cells: &[Vec<BilinearCell>]) -> Vec<f32> {
+    check_rows(tables, channels);
     let size = tables.len() / cells.len().max(1);
     assert_eq!(size * cells.len(), tables.len(), "tables");
     let count = cells.first().map_or(0, Vec::len);
     assert!(cells.iter().all(|list| list.len() == count), "cells");
-    let whole = (count * channels).max(1);
+    let per_table = (count * channels).max(1);
     let write = |output: &mut Unset| {
-        let outputs = output.par_chunks_mut(whole).zip(cells).enumerate();
+        let outputs = output.par_chunks_mut(per_table).zip(cells).enumerate();
         outputs.for_each(|(i, (output, cells))| {
             gather_one(&tables[i * size..][..size], channels, cells, output);
         });
@@ -41,8 +42,8 @@ pub fn gather(tables: &[f32], channels: usize, cells: &[Vec<Cell>]) -> Vec<f32> 
     unsafe { written(cells.len() * count * channels, write) }
 }
 
-/// Of one table; sets every float.
-fn gather_one(table: &[f32], channels: usize, cells: &[Cell], output: &mut Unset) {
+/// The sums for one table; sets every float.
+fn gather_one(table: &[f32], channels: usize, cells: &[BilinearCell], output: &mut Unset) {
     let level = Level::here();
     let row = |row: u32| &table[row as usize * channels..][..channels];
     let outputs = output.par_chunks_mut((PIECE * channels).max(1));
@@ -63,8 +64,8 @@ fn gather_one(table: &[f32], channels: usize, cells: &[Cell], output: &mut Unset
 /// # Panics
 /// If `table` is not rows of `channels`, `values` are not as many as the cells, or a cell names a row that `table`
 /// lacks.
-pub fn scatter(values: &[f32], channels: usize, cells: &[Cell], table: &mut [f32]) {
-    check(table, channels);
+pub fn scatter(values: &[f32], channels: usize, cells: &[BilinearCell], table: &mut [f32]) {
+    check_rows(table, channels);
     assert_eq!(values.len(), cells.len() * channels, "rows of values");
     Level::here().vectorised(|| {
         for (values, cell) in values.chunks_exact(channels.max(1)).zip(cells) {
@@ -78,26 +79,17 @@ pub fn scatter(values: &[f32], channels: usize, cells: &[Cell], table: &mut [f32
     });
 }
 
-/// Whether `table` is rows of that many channels.
-fn check(table: &[f32], channels: usize) {
-    assert!(
-        table.is_empty() || (channels > 0 && table.len().is_multiple_of(channels)),
-        "{} values are not rows of {channels} channels",
-        table.len()
-    );
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn rows_that_a_table_lacks_are_refused() {
-        let cell = Cell {
+        let cell = BilinearCell {
             rows: [0, 0, 1, 1],
             shares: [0.5, 0.5, 1.0, 0.0],
         };
-        let refused = |tables: Vec<f32>, cells: Vec<Vec<Cell>>| {
+        let refused = |tables: Vec<f32>, cells: Vec<Vec<BilinearCell>>| {
             std::panic::catch_unwind(move || gather(&tables, 2, &cells)).is_err()
         };
         let tables = [1.0, 2.0, 10.0, 20.0, 3.0, 4.0, 30.0, 40.0];

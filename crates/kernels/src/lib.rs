@@ -1,8 +1,8 @@
-//! CPU kernels of lsdc: what its network needs to run, and to be trained, on every instruction set.
+//! CPU kernels of lsdc for inference and training, on every instruction set.
 //!
-//! All functions are safe: lengths are checked where they enter, and kernels are private. However work is
-//! cut among threads, every sum runs in the same order, so results are the same bits for any number of
-//! threads. They differ in rounding between instruction sets.
+//! All functions are safe: they check the lengths of their arguments, and kernels are private. Every sum runs in the
+//! same order, so results are the same bits for any number of threads. They differ in rounding between instruction
+//! sets.
 //!
 //! ```
 //! use lsdc_kernels::{attention::gelu, simd::Level};
@@ -23,3 +23,12 @@ pub mod norm;
 pub mod propagate;
 pub mod schedule;
 pub mod simd;
+
+/// Checks that `values` are rows of that many channels.
+fn check_rows(values: &[f32], channels: usize) {
+    assert!(
+        values.is_empty() || (channels > 0 && values.len().is_multiple_of(channels)),
+        "{} values are not rows of {channels} channels",
+        values.len()
+    );
+}

@@ -3,6 +3,7 @@
 //! Work is cut into the same pieces whatever the number of threads, and pieces are summed in a
 //! fixed order, so results do not depend on the number of threads.
 
+use crate::check_rows;
 use crate::schedule::InTasks;
 use crate::simd::{Kernel, Level, Shared, Unset, Vector, written};
 use rayon::prelude::*;
@@ -15,14 +16,14 @@ fn piece(channels: usize) -> usize {
     (PIECE / channels.max(1)).max(1) * channels.max(1)
 }
 
-/// `x * slope + offset` per channel: a normalisation with its gain and shift.
+/// `x * slope + offset` per channel, as a normalisation with its gain and shift.
 #[derive(Clone, Debug)]
-pub struct Lines {
+pub struct ChannelAffine {
     slope: Vec<f32>,
     offset: Vec<f32>,
 }
 
-impl Lines {
+impl ChannelAffine {
     /// `(x - mean) / sqrt(variance + epsilon) * gain + shift`.
     ///
     /// # Panics
@@ -46,12 +47,12 @@ impl Lines {
         Self::new(&ones, &zeros, mean, variance, epsilon)
     }
 
-    /// What is multiplied by, per channel.
+    /// The slope of each channel.
     pub fn slopes(&self) -> &[f32] {
         &self.slope
     }
 
-    /// What is added then, per channel.
+    /// The offset of each channel.
     pub fn offsets(&self) -> &[f32] {
         &self.offset
     }
@@ -68,29 +69,19 @@ impl Lines {
     }
 }
 
-/// Whether `x` is rows of that many channels.
-fn check(x: &[f32], channels: usize) {
-    assert!(
-        x.is_empty() || (channels > 0 && x.len().is_multiple_of(channels)),
-        "{} values are not rows of {channels} channels",
-        x.len()
-    );
-}
-
 /// Mean and biased variance of each channel of `x [rows, channels]`.
 ///
 /// # Panics
 /// If `x` is not rows of `channels`.
 pub fn moments(x: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
-    check(x, channels);
+    check_rows(x, channels);
     let mut mean = vec![0.0_f64; channels];
     let mut squares = vec![0.0_f64; channels];
     let mut rows = 0.0;
     let pieces: Vec<_> = pieces(x, channels)
         .map(|piece| {
-            let zero = vec![0.0; channels];
             let count = (piece.len() / channels) as f32;
-            let sum = sums(piece, channels, Term::Squares { mean: &zero }).0;
+            let sum = sums(piece, channels, Term::Values).0;
             let mean: Vec<f32> = sum.iter().map(|s| s / count).collect();
             let squares = sums(piece, channels, Term::Squares { mean: &mean }).1;
             (f64::from(count), mean, squares)
@@ -113,33 +104,33 @@ pub fn moments(x: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
     )
 }
 
-/// `x [rows, channels]` normalised, cut off below 0 if asked for.
+/// `x [rows, channels]` normalised, with a ReLU if `relu` is set.
 ///
 /// # Panics
-/// If `x` is not rows of the channels of `lines`.
-pub fn normalise(x: &[f32], lines: &Lines, relu: bool) -> Vec<f32> {
-    let job = Map::Normalise { lines, relu };
-    map(x, x, lines.slope.len(), job)
+/// If `x` is not rows of the channels of `affine`.
+pub fn normalise(x: &[f32], affine: &ChannelAffine, relu: bool) -> Vec<f32> {
+    let operation = Operation::Normalise { affine, relu };
+    map(x, x, affine.slope.len(), operation)
 }
 
-/// A backward pass: what it needs to know of the forward one.
+/// The parameters of a forward pass, for the backward pass.
 #[derive(Clone, Copy)]
 pub struct Backward<'a> {
     /// The normalisation with gain and shift.
-    pub lines: &'a Lines,
-    /// The normalisation alone, of as many channels.
-    pub standard: &'a Lines,
+    pub affine: &'a ChannelAffine,
+    /// The normalisation alone, with as many channels.
+    pub standard: &'a ChannelAffine,
     /// Whether a ReLU followed.
     pub relu: bool,
 }
 
 impl Backward<'_> {
-    /// As many channels as `lines` has, in rows of `x` and as many of `grad`.
+    /// Checks all lengths, and returns the number of channels.
     fn check(&self, x: &[f32], grad: &[f32]) -> usize {
-        let channels = self.lines.slope.len();
+        let channels = self.affine.slope.len();
         assert_eq!(self.standard.slope.len(), channels, "channels");
         assert_eq!(x.len(), grad.len(), "gradient");
-        check(x, channels);
+        check_rows(x, channels);
         channels
     }
 
@@ -147,63 +138,58 @@ impl Backward<'_> {
     ///
     /// # Panics
     /// If lengths do not go together.
-    pub fn sums(&self, x: &[f32], grad: &[f32]) -> (Vec<f32>, Vec<f32>) {
+    pub fn parameter_gradients(&self, x: &[f32], grad: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let channels = self.check(x, grad);
-        let piece = piece(channels);
         let parts: Vec<_> = pieces(x, channels)
-            .zip(grad.par_chunks(piece))
+            .zip(pieces(grad, channels))
             .map(|(x, grad)| sums(x, channels, Term::Gradients { back: *self, grad }))
             .collect();
-        let mut totals = (vec![0.0_f64; channels], vec![0.0_f64; channels]);
-        for (shift, gain) in parts {
-            let add = |to: &mut [f64], from: Vec<f32>| {
-                to.iter_mut()
-                    .zip(from)
-                    .for_each(|(t, v)| *t += f64::from(v));
-            };
-            add(&mut totals.0, shift);
-            add(&mut totals.1, gain);
-        }
-        let narrow = |v: Vec<f64>| v.into_iter().map(|v| v as f32).collect();
-        (narrow(totals.1), narrow(totals.0))
+        let (shifts, gains): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
+        (total(gains, channels), total(shifts, channels))
     }
 
-    /// The gradient of the input; `common` are the parts that come through the statistics, per row:
-    /// a constant and a multiple of the normalised input.
+    /// The gradient of the input; `statistics` is the part of it that comes through the statistics, an affine function of
+    /// the normalised input.
     ///
     /// # Panics
     /// If lengths do not go together.
-    pub fn input(&self, x: &[f32], grad: &[f32], common: Option<&Lines>) -> Vec<f32> {
+    pub fn input_gradient(
+        &self,
+        x: &[f32],
+        grad: &[f32],
+        statistics: Option<&ChannelAffine>,
+    ) -> Vec<f32> {
         let channels = self.check(x, grad);
-        assert!(common.is_none_or(|common| common.slope.len() == channels));
-        let job = Map::Backward {
+        assert!(statistics.is_none_or(|affine| affine.slope.len() == channels));
+        let operation = Operation::Backward {
             back: *self,
-            common,
+            statistics,
         };
-        map(x, grad, channels, job)
+        map(x, grad, channels, operation)
     }
 
-    /// What `input` needs for statistics of the input itself, from the sums over `rows` rows.
+    /// The `statistics` of [`Self::input_gradient`] for statistics of the input itself, from the gradients of gain and
+    /// shift over `rows` rows.
     ///
     /// # Panics
     /// If there are not as many gains as shifts.
-    pub fn common(gain_grad: &[f32], shift_grad: &[f32], rows: usize) -> Lines {
+    pub fn through_statistics(gain_grad: &[f32], shift_grad: &[f32], rows: usize) -> ChannelAffine {
         assert_eq!(gain_grad.len(), shift_grad.len(), "channels");
         let share = |v: &[f32]| v.iter().map(|v| v / rows as f32).collect();
-        Lines {
+        ChannelAffine {
             slope: share(gain_grad),
             offset: share(shift_grad),
         }
     }
 
     /// # Safety
-    /// As for `Lines::at`.
+    /// As for `ChannelAffine::at`.
     #[inline(always)]
-    unsafe fn passed<V: Vector>(&self, x: V, grad: V, c: usize, count: usize) -> V {
+    unsafe fn through_relu<V: Vector>(&self, x: V, grad: V, c: usize, count: usize) -> V {
         // SAFETY: as demanded from the caller.
         unsafe {
             if self.relu {
-                grad.where_positive(self.lines.at(x, c, count))
+                grad.where_positive(self.affine.at(x, c, count))
             } else {
                 grad
             }
@@ -211,13 +197,13 @@ impl Backward<'_> {
     }
 }
 
-/// Where the `outputs [rows, channels]` of a ReLU are above 0, their gradient `grad`, else 0; and the sums of that over
-/// the rows, per channel.
+/// The gradient of the input of a ReLU from its `outputs [rows, channels]` and their gradient `grad`, and the sums of it
+/// over the rows, per channel.
 ///
 /// # Panics
 /// If `grad` is not rows of `channels`, or there are not as many outputs.
-pub fn passed(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
-    check(grad, channels);
+pub fn relu_gradient(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
+    check_rows(grad, channels);
     assert_eq!(outputs.len(), grad.len(), "gradient");
     let size = piece(channels);
     let mut parts = Vec::new();
@@ -228,7 +214,7 @@ pub fn passed(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32>, Vec<
                 x: outputs,
                 y: grad,
                 channels,
-                job: Map::Passed,
+                operation: Operation::Relu,
                 output: Shared::unset(to),
             };
             // SAFETY: all slices have the lengths that the kernel relies on, and it sets every float.
@@ -241,8 +227,8 @@ pub fn passed(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32>, Vec<
         parts = to.par_chunks_mut(size).zip(from).map(part).collect();
     };
     // SAFETY: the pieces make up the whole.
-    let passed = unsafe { written(grad.len(), write) };
-    (passed, added(parts, channels))
+    let gradient = unsafe { written(grad.len(), write) };
+    (gradient, total(parts, channels))
 }
 
 /// The sums of `x [rows, channels]` over the rows, per channel.
@@ -250,13 +236,13 @@ pub fn passed(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32>, Vec<
 /// # Panics
 /// If `x` is not rows of `channels`.
 pub fn row_sums(x: &[f32], channels: usize) -> Vec<f32> {
-    check(x, channels);
+    check_rows(x, channels);
     let parts = pieces(x, channels).map(|piece| sums(piece, channels, Term::Values).0);
-    added(parts.collect(), channels)
+    total(parts.collect(), channels)
 }
 
-/// The sums of pieces, in their order.
-fn added(parts: Vec<Vec<f32>>, channels: usize) -> Vec<f32> {
+/// The total of the sums of pieces, in their order.
+fn total(parts: Vec<Vec<f32>>, channels: usize) -> Vec<f32> {
     let mut totals = vec![0.0_f64; channels];
     for part in parts {
         let pairs = totals.iter_mut().zip(part);
@@ -269,14 +255,14 @@ fn pieces(x: &[f32], channels: usize) -> impl IndexedParallelIterator<Item = &[f
     x.par_chunks(piece(channels))
 }
 
-/// What is summed over the rows of a piece.
+/// The terms of the sums over the rows of a piece.
 #[derive(Clone, Copy)]
 enum Term<'a> {
     /// x.
     Values,
     /// x, and (x - mean)^2.
     Squares { mean: &'a [f32] },
-    /// The gradient that passed the ReLU, and that times the normalised input.
+    /// The gradient of the input of the ReLU, and its product with the normalised input.
     Gradients { back: Backward<'a>, grad: &'a [f32] },
 }
 
@@ -345,7 +331,7 @@ impl Sums<'_> {
                         }
                         Term::Gradients { back, grad } => {
                             let grad = V::load_some(grad.as_ptr().add(row + c), count);
-                            let grad = back.passed(x, grad, c, count);
+                            let grad = back.through_relu(x, grad, c, count);
                             sum[0] = sum[0].add(grad);
                             sum[1] = grad.mul_add(back.standard.at(x, c, count), sum[1]);
                         }
@@ -362,23 +348,23 @@ impl Sums<'_> {
     }
 }
 
-/// What becomes of each value.
+/// An operation on each value x, with a second one, y.
 #[derive(Clone, Copy)]
-enum Map<'a> {
+enum Operation<'a> {
     Normalise {
-        lines: &'a Lines,
+        affine: &'a ChannelAffine,
         relu: bool,
     },
     Backward {
         back: Backward<'a>,
-        common: Option<&'a Lines>,
+        statistics: Option<&'a ChannelAffine>,
     },
     /// y where x is above 0.
-    Passed,
+    Relu,
 }
 
-fn map(x: &[f32], y: &[f32], channels: usize, job: Map<'_>) -> Vec<f32> {
-    check(x, channels);
+fn map(x: &[f32], y: &[f32], channels: usize, operation: Operation<'_>) -> Vec<f32> {
+    check_rows(x, channels);
     let piece = piece(channels);
     let write = |output: &mut Unset| {
         let inputs = x.par_chunks(piece).zip(y.par_chunks(piece));
@@ -388,7 +374,7 @@ fn map(x: &[f32], y: &[f32], channels: usize, job: Map<'_>) -> Vec<f32> {
                 x,
                 y,
                 channels,
-                job,
+                operation,
                 output: Shared::unset(output),
             };
             // SAFETY: all slices have the lengths that the kernel relies on.
@@ -403,7 +389,7 @@ struct Mapping<'a> {
     x: &'a [f32],
     y: &'a [f32],
     channels: usize,
-    job: Map<'a>,
+    operation: Operation<'a>,
     output: Shared<'a>,
 }
 
@@ -418,27 +404,27 @@ impl Kernel for Mapping<'_> {
                 // SAFETY: rows have `channels` floats.
                 unsafe {
                     let x = V::load_some(self.x.as_ptr().add(row + c), count);
-                    let value = match self.job {
-                        Map::Normalise { lines, relu } => {
-                            let value = lines.at(x, c, count);
+                    let value = match self.operation {
+                        Operation::Normalise { affine, relu } => {
+                            let value = affine.at(x, c, count);
                             if relu {
                                 value.max(V::splat(0.0))
                             } else {
                                 value
                             }
                         }
-                        Map::Passed => {
+                        Operation::Relu => {
                             let grad = V::load_some(self.y.as_ptr().add(row + c), count);
                             grad.where_positive(x)
                         }
-                        Map::Backward { back, common } => {
+                        Operation::Backward { back, statistics } => {
                             let grad = V::load_some(self.y.as_ptr().add(row + c), count);
-                            let mut grad = back.passed(x, grad, c, count);
-                            if let Some(common) = common {
+                            let mut grad = back.through_relu(x, grad, c, count);
+                            if let Some(statistics) = statistics {
                                 let x = back.standard.at(x, c, count);
-                                grad = grad.sub(common.at(x, c, count));
+                                grad = grad.sub(statistics.at(x, c, count));
                             }
-                            grad.mul(V::load_some(back.lines.slope.as_ptr().add(c), count))
+                            grad.mul(V::load_some(back.affine.slope.as_ptr().add(c), count))
                         }
                     };
                     let to = self.output.at(row + c, count.min(V::LANES));
@@ -456,14 +442,14 @@ mod tests {
     #[test]
     fn lengths_that_do_not_go_together_are_refused() {
         let refused = |run: fn()| std::panic::catch_unwind(run).is_err();
-        let lines = || Lines::new(&[1.0; 4], &[0.0; 4], &[0.0; 4], &[1.0; 4], 1e-5);
-        assert_eq!(normalise(&[2.0; 8], &lines(), false).len(), 8);
-        assert!(refused(|| drop(Lines::new(
+        let affine = || ChannelAffine::new(&[1.0; 4], &[0.0; 4], &[0.0; 4], &[1.0; 4], 1e-5);
+        assert_eq!(normalise(&[2.0; 8], &affine(), false).len(), 8);
+        assert!(refused(|| drop(ChannelAffine::new(
             &[1.0; 4], &[0.0; 3], &[0.0; 4], &[1.0; 4], 1e-5
         ))));
         assert!(refused(|| {
-            let lines = Lines::new(&[1.0; 4], &[0.0; 4], &[0.0; 4], &[1.0; 4], 1e-5);
-            drop(normalise(&[2.0; 9], &lines, false));
+            let affine = ChannelAffine::new(&[1.0; 4], &[0.0; 4], &[0.0; 4], &[1.0; 4], 1e-5);
+            drop(normalise(&[2.0; 9], &affine, false));
         }));
         assert!(refused(|| drop(moments(&[1.0; 7], 3))));
         assert!(refused(|| drop(moments(&[1.0; 7], 0))));

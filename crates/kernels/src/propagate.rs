@@ -1,9 +1,9 @@
-//! Spatial propagation (Cheng et al. 2018): every pixel of a map becomes a weighted sum of its eight neighbours and
-//! of what it began with, again and again, and pixels that are known keep their values.
+//! Spatial propagation (Cheng et al. 2018): in each step, a pixel becomes a weighted sum of its eight neighbours and
+//! of its initial value, and known pixels keep their values.
 
 use rayon::prelude::*;
 
-/// Weights of a pixel.
+/// Neighbours of a pixel, and its weights.
 pub const NEIGHBOURS: usize = 8;
 
 /// Rows and columns from a pixel to each of its neighbours.
@@ -31,24 +31,24 @@ impl Padded {
             width,
         };
         for (row, values) in map.chunks_exact(width).enumerate() {
-            let start = padded.place(row, 0);
+            let start = padded.index(row, 0);
             padded.values[start..start + width].copy_from_slice(values);
         }
         padded
     }
 
-    fn place(&self, row: usize, column: usize) -> usize {
+    fn index(&self, row: usize, column: usize) -> usize {
         (row + 1) * (self.width + 2) + column + 1
     }
 
-    /// How far the neighbours are in memory.
+    /// The distances to the neighbours in memory.
     fn strides(&self) -> [isize; NEIGHBOURS] {
         OFFSETS.map(|(rows, columns)| rows * (self.width as isize + 2) + columns)
     }
 
-    /// The places around one, which is not in the border.
-    fn around(&self, place: usize, strides: &[isize; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
-        strides.map(|stride| self.values[place.wrapping_add_signed(stride)])
+    /// The neighbours of a pixel, which is not in the border.
+    fn neighbours(&self, index: usize, strides: &[isize; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
+        strides.map(|stride| self.values[index.wrapping_add_signed(stride)])
     }
 }
 
@@ -61,8 +61,8 @@ fn check(weights: &[f32], maps: &[&[f32]], height: usize, width: usize) {
     }
 }
 
-/// The maps of all steps but the last, and that.
-fn all(
+/// The inputs of all steps, and the output of the last one.
+fn run_steps(
     weights: &[f32],
     start: &[f32],
     known: &[f32],
@@ -83,14 +83,14 @@ fn all(
                         *value = known[pixel];
                         continue;
                     }
-                    let around = state.around(state.place(row, column), &strides);
+                    let neighbours = state.neighbours(state.index(row, column), &strides);
                     let weights = &weights[NEIGHBOURS * pixel..][..NEIGHBOURS];
-                    let (mut sum, mut shares) = (0.0, 0.0);
-                    for (weight, neighbour) in weights.iter().zip(around) {
+                    let (mut sum, mut weight_sum) = (0.0, 0.0);
+                    for (weight, neighbour) in weights.iter().zip(neighbours) {
                         sum += weight * neighbour;
-                        shares += weight;
+                        weight_sum += weight;
                     }
-                    *value = sum + (1.0 - shares) * start[pixel];
+                    *value = sum + (1.0 - weight_sum) * start[pixel];
                 }
             });
         states.push(state);
@@ -98,8 +98,8 @@ fn all(
     (states, map)
 }
 
-/// Propagates `start [height, width]` with `weights [height, width, 8]` in so many steps; pixels of `known` above 0
-/// have those values after each. What a pixel's weights leave of 1 is the weight of its start.
+/// Propagates `start [height, width]` with `weights [height, width, 8]` in some steps; pixels of `known` above 0
+/// have those values after each. The weight of a pixel's start is 1 minus the sum of its weights.
 ///
 /// # Panics
 /// Slices that do not belong to a map of this size.
@@ -111,7 +111,7 @@ pub fn propagate(
     steps: usize,
 ) -> Vec<f32> {
     check(weights, &[start, known], height, width);
-    all(weights, start, known, (height, width), steps).1
+    run_steps(weights, start, known, (height, width), steps).1
 }
 
 /// The gradients of weights and start from that of the result.
@@ -127,7 +127,7 @@ pub fn propagate_gradients(
     steps: usize,
 ) -> (Vec<f32>, Vec<f32>) {
     check(weights, &[start, known, gradient], height, width);
-    let (states, _) = all(weights, start, known, (height, width), steps);
+    let (states, _) = run_steps(weights, start, known, (height, width), steps);
     let mut of_weights = vec![0.0; weights.len()];
     let mut of_start = vec![0.0; start.len()];
     let mut gradient = gradient.to_vec();
@@ -147,16 +147,16 @@ pub fn propagate_gradients(
             .enumerate()
             .for_each(|(row, ((of_weights, of_start), earlier))| {
                 for column in 0..width {
-                    let (pixel, place) = (row * width + column, state.place(row, column));
-                    let own = later.values[place];
+                    let (pixel, index) = (row * width + column, state.index(row, column));
+                    let own = later.values[index];
                     let mine = &weights[NEIGHBOURS * pixel..][..NEIGHBOURS];
                     of_start[column] += own * (1.0 - mine.iter().sum::<f32>());
-                    let around = state.around(place, &strides);
+                    let neighbours = state.neighbours(index, &strides);
                     let gradients = &mut of_weights[NEIGHBOURS * column..][..NEIGHBOURS];
-                    for (gradient, neighbour) in gradients.iter_mut().zip(around) {
+                    for (gradient, neighbour) in gradients.iter_mut().zip(neighbours) {
                         *gradient += own * (neighbour - start[pixel]);
                     }
-                    // Those whose neighbour this pixel is.
+                    // The pixels whose neighbour this pixel is.
                     let mut sum = 0.0;
                     for (k, (rows, columns)) in OFFSETS.into_iter().enumerate() {
                         let (y, x) = (
@@ -165,7 +165,7 @@ pub fn propagate_gradients(
                         );
                         if let (Some(y), Some(x)) = (y, x) {
                             let weight = weights[NEIGHBOURS * (y * width + x) + k];
-                            sum += weight * later.values[later.place(y, x)];
+                            sum += weight * later.values[later.index(y, x)];
                         }
                     }
                     earlier[column] = sum;

@@ -1,17 +1,17 @@
-//! What a computation runs in parallel: recorded on one thread, it tells how long many would take.
+//! Traces of parallel computations: recorded on one thread, they predict the time on many.
 //!
-//! Where threads share work there is a [`region`], and each share is a [task](Region::task) of it; [`InTasks`] makes them of
-//! parallel iterators. Unless [`record`] is running, both cost a look at a variable of the thread.
+//! Threads share the work of a [`region`], which consists of [tasks](Region::task); [`InTasks`] makes both of parallel
+//! iterators. Unless [`record`] is running, both only read a thread-local variable.
 //!
 //! ```
-//! use lsdc_kernels::schedule::{InTasks, Part, record};
+//! use lsdc_kernels::schedule::{InTasks, Segment, record};
 //! use rayon::prelude::*;
 //!
 //! let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
 //! let squares = || [1, 2].par_iter().gather::<Vec<i32>, _>(|number| number * number);
-//! let (squares, work) = pool.install(|| record(2, squares));
+//! let (squares, trace) = pool.install(|| record(2, squares));
 //! assert_eq!(squares, [1, 4]);
-//! assert!(matches!(&work.0[..], [_, Part::Parallel(tasks), _] if tasks.len() == 2));
+//! assert!(matches!(&trace.0[..], [_, Segment::Parallel(tasks), _] if tasks.len() == 2));
 //! # Ok::<(), rayon::ThreadPoolBuildError>(())
 //! ```
 
@@ -19,63 +19,62 @@ use rayon::prelude::*;
 use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
-/// Work that one thread does, part by part.
+/// The segments of a task, in their order.
 #[derive(Clone, Debug, Default)]
-pub struct Task(pub Vec<Part>);
+pub struct TaskTrace(pub Vec<Segment>);
 
-/// A part of a task.
+/// A segment of a task.
 #[derive(Clone, Debug)]
-pub enum Part {
-    /// Nothing of it is shared.
+pub enum Segment {
+    /// The time of work on one thread.
     Serial(Duration),
-    /// Tasks that threads share; the next part begins when all have ended.
-    Parallel(Vec<Task>),
+    /// Tasks that threads share; the next segment begins when all have ended.
+    Parallel(Vec<TaskTrace>),
 }
 
-/// The task that runs, with the time at which its last part began, and the tasks of the region that it is in.
-struct Running {
-    task: Task,
+/// A task that runs, the start of its last segment, and the ended tasks of the region that it is in.
+struct RunningTask {
+    trace: TaskTrace,
     since: Instant,
-    siblings: Vec<Task>,
+    ended: Vec<TaskTrace>,
 }
 
 thread_local! {
-    /// From the outermost task to the one that runs. Empty: nothing is recorded.
-    static RUNNING: RefCell<Vec<Running>> = const { RefCell::new(Vec::new()) };
-    /// For how many threads work is cut while it is recorded.
+    /// The running tasks, the outermost first. Empty: nothing is recorded.
+    static RUNNING: RefCell<Vec<RunningTask>> = const { RefCell::new(Vec::new()) };
+    /// The number of threads that work is divided for while it is recorded.
     static THREADS: Cell<usize> = const { Cell::new(1) };
 }
 
-impl Running {
+impl RunningTask {
     fn new() -> Self {
         Self {
-            task: Task::default(),
+            trace: TaskTrace::default(),
             since: Instant::now(),
-            siblings: Vec::new(),
+            ended: Vec::new(),
         }
     }
 
-    fn end_part(&mut self) {
-        self.task.0.push(Part::Serial(self.since.elapsed()));
+    fn end_segment(&mut self) {
+        self.trace.0.push(Segment::Serial(self.since.elapsed()));
+    }
+
+    fn end(mut self) -> TaskTrace {
+        self.end_segment();
+        self.trace
     }
 }
 
-/// Runs `work`, which should share nothing with other threads (in a pool of one thread), cut for so many threads, and returns
-/// what it is made of.
-pub fn record<R>(threads: usize, work: impl FnOnce() -> R) -> (R, Task) {
+/// Runs `work`, divided for that many threads, and returns its trace. It should run in a pool of one thread.
+pub fn record<R>(threads: usize, work: impl FnOnce() -> R) -> (R, TaskTrace) {
     THREADS.set(threads);
-    let before =
-        RUNNING.with_borrow_mut(|running| std::mem::replace(running, vec![Running::new()]));
+    let outer = RUNNING.replace(vec![RunningTask::new()]);
     let result = work();
-    let mut found = RUNNING.with_borrow_mut(|running| std::mem::replace(running, before));
-    let mut task = found.pop();
-    if let Some(running) = &mut task {
-        running.end_part();
-    }
-    (result, task.map(|running| running.task).unwrap_or_default())
+    let task = RUNNING.replace(outer).pop();
+    (result, task.map(RunningTask::end).unwrap_or_default())
 }
 
-/// For how many threads work is to be cut: those of the pool, unless it is being recorded.
+/// The number of threads that work is divided for: those of the pool, unless it is recorded.
 pub fn threads() -> usize {
     if RUNNING.with_borrow(Vec::is_empty) {
         rayon::current_num_threads()
@@ -93,19 +92,19 @@ pub struct Region {
 /// Shares work among threads.
 pub fn region<R>(share: impl FnOnce(&Region) -> R) -> R {
     let outer = RUNNING.with_borrow_mut(|running| {
-        let running = running.last_mut()?;
-        running.end_part();
-        Some(std::mem::take(&mut running.siblings))
+        let task = running.last_mut()?;
+        task.end_segment();
+        Some(std::mem::take(&mut task.ended))
     });
     let result = share(&Region {
         recorded: outer.is_some(),
     });
     if let Some(outer) = outer {
         RUNNING.with_borrow_mut(|running| {
-            if let Some(running) = running.last_mut() {
-                let tasks = std::mem::replace(&mut running.siblings, outer);
-                running.task.0.push(Part::Parallel(tasks));
-                running.since = Instant::now();
+            if let Some(task) = running.last_mut() {
+                let tasks = std::mem::replace(&mut task.ended, outer);
+                task.trace.0.push(Segment::Parallel(tasks));
+                task.since = Instant::now();
             }
         });
     }
@@ -125,14 +124,12 @@ impl Region {
 }
 
 fn recorded<R>(work: impl FnOnce() -> R) -> R {
-    RUNNING.with_borrow_mut(|running| running.push(Running::new()));
+    RUNNING.with_borrow_mut(|running| running.push(RunningTask::new()));
     let result = work();
     RUNNING.with_borrow_mut(|running| {
-        if let Some(mut ended) = running.pop() {
-            ended.end_part();
-            if let Some(outer) = running.last_mut() {
-                outer.siblings.push(ended.task);
-            }
+        let trace = running.pop().map(RunningTask::end);
+        if let Some(outer) = running.last_mut() {
+            outer.ended.extend(trace);
         }
     });
     result
@@ -169,10 +166,10 @@ mod tests {
     use super::*;
 
     /// The numbers of tasks of the regions of a task, each with those of its tasks.
-    fn shape(task: &Task) -> String {
-        let regions = task.0.iter().filter_map(|part| match part {
-            Part::Serial(_) => None,
-            Part::Parallel(tasks) => Some(format!(
+    fn shape(trace: &TaskTrace) -> String {
+        let regions = trace.0.iter().filter_map(|segment| match segment {
+            Segment::Serial(_) => None,
+            Segment::Parallel(tasks) => Some(format!(
                 "({})",
                 tasks.iter().map(shape).collect::<Vec<_>>().join(" ")
             )),
@@ -202,9 +199,9 @@ mod tests {
             .num_threads(1)
             .build()
             .unwrap();
-        let (sum, task) = pool.install(|| record(2, work));
+        let (sum, trace) = pool.install(|| record(2, work));
         assert_eq!(sum, 5);
-        assert_eq!(shape(&task), "((1 1) (1 1) (1 1))(1 1)");
+        assert_eq!(shape(&trace), "((1 1) (1 1) (1 1))(1 1)");
         // Nothing is recorded afterwards, or by others.
         assert_eq!(pool.install(work), 5);
         assert!(RUNNING.with_borrow(Vec::is_empty));

@@ -2,15 +2,15 @@
 //!
 //!     cargo run --release -p lsdc-recordings --example points -- drive.mcap [--no-deskew]
 
-use lsdc_recordings::{Frames, Recording, Wanted};
+use lsdc_recordings::{FrameOptions, Frames, Recording};
 use std::io::{Write as _, stdout};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
     let path = args.next().ok_or("name a recording")?;
-    let wanted = Wanted {
+    let wanted = FrameOptions {
         deskew: args.next().as_deref() != Some("--no-deskew"),
-        ..Wanted::default()
+        ..FrameOptions::default()
     };
     let mut recording = Recording::open(path.as_ref())?;
     let frames = Frames::of(&mut recording, &wanted)?;

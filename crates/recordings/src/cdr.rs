@@ -5,7 +5,7 @@ use lsdc_files::error::{Cause, Error, Result};
 
 /// Reads a message; nothing is read beyond its end, and nothing is allocated for a length before it is known to be
 /// there.
-pub(crate) struct Reader<'a> {
+pub(crate) struct CdrReader<'a> {
     /// What follows the four bytes that say how it is written.
     body: &'a [u8],
     at: usize,
@@ -27,7 +27,7 @@ macro_rules! numbers {
     )*};
 }
 
-impl<'a> Reader<'a> {
+impl<'a> CdrReader<'a> {
     /// Of a whole message.
     pub(crate) fn new(message: &'a [u8]) -> Result<Self> {
         let Some((&[0, kind, ..], body)) = message.split_first_chunk::<4>() else {
@@ -111,12 +111,12 @@ pub(crate) fn damaged(what: impl Into<String>) -> Error {
 }
 
 /// Writes a message, the low bytes of numbers first.
-pub(crate) struct Writer(Vec<u8>);
+pub(crate) struct CdrWriter(Vec<u8>);
 
 /// How messages begin: CDR, the low bytes first.
 const HEAD: [u8; 4] = [0, 1, 0, 0];
 
-impl Writer {
+impl CdrWriter {
     /// With room for so many bytes.
     pub(crate) fn with_capacity(bytes: usize) -> Self {
         let mut message = Vec::with_capacity(HEAD.len() + bytes);
@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn numbers_are_aligned_to_their_size() {
-        let mut writer = Writer::with_capacity(0);
+        let mut writer = CdrWriter::with_capacity(0);
         writer.u8(7);
         writer.f64(0.5);
         writer.string("ab");
@@ -178,7 +178,7 @@ mod tests {
         let message = writer.finish();
         // After the head: 7, seven bytes of nothing, 0.5; 3, "ab", 0, one byte of nothing, -2.
         assert_eq!(message.len(), 4 + 16 + 4 + 3 + 1 + 4);
-        let mut reader = Reader::new(&message).unwrap();
+        let mut reader = CdrReader::new(&message).unwrap();
         assert_eq!(reader.u8().unwrap(), 7);
         assert_eq!(reader.f64().unwrap(), 0.5);
         assert_eq!(reader.string().unwrap(), "ab");
@@ -191,22 +191,22 @@ mod tests {
         let big = [
             0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0x3f, 0xe0, 0, 0, 0, 0, 0, 0,
         ];
-        let mut reader = Reader::new(&big).unwrap();
+        let mut reader = CdrReader::new(&big).unwrap();
         assert_eq!((reader.u8().unwrap(), reader.f64().unwrap()), (1, 0.5));
         // The second version aligns eight bytes to four.
         let second = [0, 7, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xe0, 0x3f];
-        let mut reader = Reader::new(&second).unwrap();
+        let mut reader = CdrReader::new(&second).unwrap();
         assert_eq!((reader.u8().unwrap(), reader.f64().unwrap()), (1, 0.5));
         for head in [&[0, 3, 0, 0][..], &[1, 1, 0, 0], &[0, 1]] {
-            assert!(Reader::new(head).is_err());
+            assert!(CdrReader::new(head).is_err());
         }
     }
 
     #[test]
     fn no_length_is_believed() {
         let endless = [0, 1, 0, 0, 0xff, 0xff, 0xff, 0xff, 1, 2];
-        assert!(Reader::new(&endless).unwrap().bytes().is_err());
-        assert!(Reader::new(&endless).unwrap().length(1).is_err());
-        assert!(Reader::new(&endless).unwrap().string().is_err());
+        assert!(CdrReader::new(&endless).unwrap().bytes().is_err());
+        assert!(CdrReader::new(&endless).unwrap().length(1).is_err());
+        assert!(CdrReader::new(&endless).unwrap().string().is_err());
     }
 }

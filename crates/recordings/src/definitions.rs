@@ -1,6 +1,6 @@
 //! What the types of messages are made of, as recordings say it for programs that do not know them.
 
-use crate::message::Kind;
+use crate::message::MessageType;
 
 /// The language of these texts.
 pub(crate) const LANGUAGE: &str = "ros2msg";
@@ -31,13 +31,13 @@ const VECTOR: &str = "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z";
 const QUATERNION: &str = "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w";
 
 /// The definition of a type, with all that it is made of.
-pub(crate) fn definition(kind: Kind) -> String {
+pub(crate) fn definition(kind: MessageType) -> String {
     let parts: &[&str] = match kind {
-        Kind::Image => &[IMAGE, HEADER, TIME],
-        Kind::CompressedImage => &[COMPRESSED, HEADER, TIME],
-        Kind::CameraInfo => &[CAMERA, HEADER, TIME, WINDOW],
-        Kind::PointCloud2 => &[CLOUD, HEADER, TIME, FIELD],
-        Kind::Transforms => &[
+        MessageType::Image => &[IMAGE, HEADER, TIME],
+        MessageType::CompressedImage => &[COMPRESSED, HEADER, TIME],
+        MessageType::CameraInfo => &[CAMERA, HEADER, TIME, WINDOW],
+        MessageType::PointCloud2 => &[CLOUD, HEADER, TIME, FIELD],
+        MessageType::Transforms => &[
             TRANSFORMS, STAMPED, HEADER, TIME, TRANSFORM, VECTOR, QUATERNION,
         ],
     };

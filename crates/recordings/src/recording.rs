@@ -2,7 +2,7 @@
 
 #[cfg(feature = "rosbag2")]
 use crate::container::Rosbag;
-use crate::container::{Container, Each, Flaws, Mcap, Message, Place, Topic};
+use crate::container::{Container, Defects, Mcap, Message, MessageLocation, Topic, Visitor};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::has_ending;
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ pub struct Recording {
     /// Of all files together.
     size: u64,
     /// Files that the folder should have.
-    absent: Vec<String>,
+    missing_files: Vec<String>,
 }
 
 impl Recording {
@@ -47,18 +47,18 @@ impl Recording {
     /// # Errors
     /// A path that cannot be read or holds no recording.
     pub fn open(path: &Path) -> Result<Self> {
-        let (paths, absent) = if path.is_dir() {
+        let (paths, missing_files) = if path.is_dir() {
             files_in(path)?
         } else {
             (vec![path.to_owned()], Vec::new())
         };
         if paths.is_empty() {
-            let what = if absent.is_empty() {
+            let what = if missing_files.is_empty() {
                 "holds no recording".to_owned()
             } else {
                 format!(
                     "does not hold the files of its recording: {}",
-                    absent.join(", ")
+                    missing_files.join(", ")
                 )
             };
             return Err(Error::format(path, what).hint(
@@ -73,7 +73,7 @@ impl Recording {
             path: path.to_owned(),
             size: sizes.sum::<Result<u64>>()?,
             files: paths.iter().map(|path| open(path)).collect::<Result<_>>()?,
-            absent,
+            missing_files,
         })
     }
 
@@ -109,28 +109,28 @@ impl Recording {
     /// A file that cannot be read at all, and what `each` returns, which ends the visit.
     pub fn visit(
         &mut self,
-        wanted: &dyn Fn(&Topic) -> bool,
+        is_selected: &dyn Fn(&Topic) -> bool,
         each: &mut dyn FnMut(&Arc<Topic>, &Message<'_>) -> Result<()>,
-    ) -> Result<Flaws> {
-        let each: &mut Each<'_> = each;
-        let mut flaws = Flaws {
-            absent: self.absent.clone(),
-            ..Flaws::default()
+    ) -> Result<Defects> {
+        let each: &mut Visitor<'_> = each;
+        let mut defects = Defects {
+            missing_files: self.missing_files.clone(),
+            ..Defects::default()
         };
         for (number, file) in self.files.iter_mut().enumerate() {
-            flaws.and(file.visit(number, wanted, each)?);
+            defects.merge(file.visit(number, is_selected, each)?);
         }
-        Ok(flaws)
+        Ok(defects)
     }
 
     /// Reads a message that was visited before.
     ///
     /// # Errors
     /// A file that cannot be read, or has changed.
-    pub fn read(&mut self, place: Place) -> Result<Vec<u8>> {
-        let file = self.files.get_mut(place.file);
+    pub fn read(&mut self, location: MessageLocation) -> Result<Vec<u8>> {
+        let file = self.files.get_mut(location.file);
         let file = file.ok_or_else(|| Error::format(&self.path, "has fewer files than before"))?;
-        file.read(place)
+        file.read(location)
     }
 }
 
@@ -190,15 +190,15 @@ fn files_in(folder: &Path) -> Result<(Vec<PathBuf>, Vec<String>)> {
         .map(|name| name.trim().trim_matches(['"', '\'']))
         .filter(|name| is_recording(Path::new(name)))
         .collect();
-    let place = |path: &Path| {
+    let position = |path: &Path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         listed.iter().position(|listed| *listed == name)
     };
     found.sort_by_key(|path| {
-        let place = place(path).unwrap_or(usize::MAX);
-        (place, path.as_os_str().len(), path.clone())
+        let position = position(path).unwrap_or(usize::MAX);
+        (position, path.as_os_str().len(), path.clone())
     });
-    let absent = listed.iter().filter(|name| !folder.join(name).exists());
-    let absent = absent.map(|name| (*name).to_owned()).collect();
-    Ok((found, absent))
+    let missing_files = listed.iter().filter(|name| !folder.join(name).exists());
+    let missing_files = missing_files.map(|name| (*name).to_owned()).collect();
+    Ok((found, missing_files))
 }

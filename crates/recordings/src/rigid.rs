@@ -1,4 +1,6 @@
-//! Rigid motions.
+//! Rigid transforms.
+
+use lsdc_files::rotation_matrix;
 
 /// A rotation, as a quaternion of length 1, and a translation after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,9 +20,9 @@ impl Rigid {
     /// Of a quaternion (x, y, z, w) of any length but 0, if all numbers are finite.
     pub fn new(rotation: [f64; 4], translation: [f64; 3]) -> Option<Self> {
         let length = dot(rotation, rotation).sqrt();
-        let sound =
+        let is_valid =
             length > 1e-6 && length.is_finite() && translation.iter().all(|v| v.is_finite());
-        sound.then(|| Self {
+        is_valid.then(|| Self {
             rotation: rotation.map(|v| v / length),
             translation,
         })
@@ -37,9 +39,8 @@ impl Rigid {
             aw * bz + ax * by - ay * bx + az * bw,
             aw * bw - ax * bx - ay * by - az * bz,
         ];
-        let length = dot(rotation, rotation).sqrt();
         Self {
-            rotation: rotation.map(|v| v / length),
+            rotation: normalised(rotation),
             translation: self.apply(first.translation),
         }
     }
@@ -70,24 +71,7 @@ impl Rigid {
 
     /// The rotation as a matrix, row by row.
     pub fn matrix(self) -> [[f64; 3]; 3] {
-        let [x, y, z, w] = self.rotation;
-        [
-            [
-                1.0 - 2.0 * (y * y + z * z),
-                2.0 * (x * y - z * w),
-                2.0 * (x * z + y * w),
-            ],
-            [
-                2.0 * (x * y + z * w),
-                1.0 - 2.0 * (x * x + z * z),
-                2.0 * (y * z - x * w),
-            ],
-            [
-                2.0 * (x * z - y * w),
-                2.0 * (y * z + x * w),
-                1.0 - 2.0 * (x * x + y * y),
-            ],
-        ]
+        rotation_matrix(self.rotation)
     }
 
     /// The translation.
@@ -98,7 +82,7 @@ impl Rigid {
     /// Between this (0) and another (1): a straight line, and the shortest rotation at an even speed (Shoemake 1985,
     /// "Animating rotation with quaternion curves").
     #[must_use]
-    pub fn towards(self, other: Self, share: f64) -> Self {
+    pub fn interpolate(self, other: Self, share: f64) -> Self {
         /// Where the sine of the angle is lost in rounding, a straight line is as good.
         const ALIKE: f64 = 1.0 - 1e-12;
         let cosine = dot(self.rotation, other.rotation);
@@ -116,13 +100,17 @@ impl Rigid {
         };
         let mixed = |i: usize| near * self.rotation[i] + sign * far * other.rotation[i];
         let rotation = [0, 1, 2, 3].map(mixed);
-        let length = dot(rotation, rotation).sqrt();
         let between = |i: usize| self.translation[i] * (1.0 - share) + other.translation[i] * share;
         Self {
-            rotation: rotation.map(|v| v / length),
+            rotation: normalised(rotation),
             translation: [0, 1, 2].map(between),
         }
     }
+}
+
+fn normalised(quaternion: [f64; 4]) -> [f64; 4] {
+    let length = dot(quaternion, quaternion).sqrt();
+    quaternion.map(|v| v / length)
 }
 
 fn dot(a: [f64; 4], b: [f64; 4]) -> f64 {
@@ -163,14 +151,14 @@ mod tests {
             ..end
         };
         for end in [end, opposite] {
-            let third = start.towards(end, 1.0 / 3.0);
+            let third = start.interpolate(end, 1.0 / 3.0);
             let expected = about_z(30.0, [4.0 / 3.0, 0.0, 0.0]);
             assert!(near(
                 third.apply([1.0, 1.0, 1.0]),
                 expected.apply([1.0, 1.0, 1.0])
             ));
         }
-        let same = start.towards(start, 0.5);
+        let same = start.interpolate(start, 0.5);
         assert!(near(
             same.apply([1.0, 1.0, 1.0]),
             start.apply([1.0, 1.0, 1.0])

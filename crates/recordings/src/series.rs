@@ -1,14 +1,14 @@
 //! What was measured one after the other, found by its time.
 
-use crate::message::Stamp;
+use crate::message::Timestamp;
 
 /// Measurements in the order of their times.
 #[derive(Clone, Debug)]
-pub(crate) struct Series<T>(Vec<(Stamp, T)>);
+pub(crate) struct TimeSeries<T>(Vec<(Timestamp, T)>);
 
-impl<T> Series<T> {
+impl<T> TimeSeries<T> {
     /// Of measurements in any order; of several at one time the first stays first.
-    pub(crate) fn new(mut found: Vec<(Stamp, T)>) -> Self {
+    pub(crate) fn new(mut found: Vec<(Timestamp, T)>) -> Self {
         found.sort_by_key(|(stamp, _)| *stamp);
         Self(found)
     }
@@ -18,7 +18,7 @@ impl<T> Series<T> {
     }
 
     /// That nearest to a time; of two as near the earlier.
-    pub(crate) fn nearest(&self, stamp: Stamp) -> Option<&(Stamp, T)> {
+    pub(crate) fn nearest(&self, stamp: Timestamp) -> Option<&(Timestamp, T)> {
         let after = self.0.partition_point(|(time, _)| *time < stamp);
         let around = [after.checked_sub(1), Some(after)];
         let around = around.into_iter().flatten().filter_map(|i| self.0.get(i));
@@ -26,7 +26,7 @@ impl<T> Series<T> {
     }
 
     /// What was valid at a time: the last before, or else the first.
-    pub(crate) fn valid(&self, stamp: Stamp) -> Option<&T> {
+    pub(crate) fn valid(&self, stamp: Timestamp) -> Option<&T> {
         let after = self.0.partition_point(|(time, _)| *time <= stamp);
         self.0.get(after.saturating_sub(1)).map(|(_, found)| found)
     }
@@ -38,13 +38,13 @@ mod tests {
 
     #[test]
     fn the_nearest_and_the_valid() {
-        let series = Series::new(vec![(30, 'c'), (10, 'a'), (20, 'b')]);
+        let series = TimeSeries::new(vec![(30, 'c'), (10, 'a'), (20, 'b')]);
         let nearest = |stamp| series.nearest(stamp).unwrap().1;
         let found = [0, 10, 14, 15, 16, 26, 99].map(nearest);
         assert_eq!(found, ['a', 'a', 'a', 'a', 'b', 'c', 'c']);
         let found = [0, 10, 19, 20, 99].map(|stamp| *series.valid(stamp).unwrap());
         assert_eq!(found, ['a', 'a', 'a', 'b', 'c']);
-        assert!(Series::<u8>::new(Vec::new()).nearest(5).is_none());
-        assert!(Series::<u8>::new(Vec::new()).valid(5).is_none());
+        assert!(TimeSeries::<u8>::new(Vec::new()).nearest(5).is_none());
+        assert!(TimeSeries::<u8>::new(Vec::new()).valid(5).is_none());
     }
 }

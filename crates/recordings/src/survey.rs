@@ -1,6 +1,6 @@
 //! What is in a recording: counted, message by message.
 
-use crate::{Flaws, Recording, Topic};
+use crate::{Defects, Recording, Topic};
 use lsdc_files::error::Result;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -9,14 +9,14 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct Survey {
     /// By name.
-    pub topics: Vec<Counted>,
+    pub topics: Vec<TopicSummary>,
     /// What is wrong with it.
-    pub flaws: Flaws,
+    pub defects: Defects,
 }
 
 /// The messages of a topic.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Counted {
+pub struct TopicSummary {
     /// The topic.
     pub topic: Arc<Topic>,
     /// How many messages there are.
@@ -33,44 +33,44 @@ impl Survey {
     /// # Errors
     /// A recording that cannot be read at all.
     pub fn of(recording: &mut Recording) -> Result<Self> {
-        let empty = |topic: &Arc<Topic>| Counted {
+        let empty = |topic: &Arc<Topic>| TopicSummary {
             topic: topic.clone(),
             count: 0,
             bytes: 0,
             times: None,
         };
-        let mut found: BTreeMap<String, Counted> = recording
+        let mut found: BTreeMap<String, TopicSummary> = recording
             .topics()
             .iter()
             .map(|topic| (topic.name.clone(), empty(topic)))
             .collect();
-        let flaws = recording.visit(&|_| true, &mut |topic, message| {
+        let defects = recording.visit(&|_| true, &mut |topic, message| {
             if !found.contains_key(&topic.name) {
                 found.insert(topic.name.clone(), empty(topic));
             }
-            if let Some(counted) = found.get_mut(&topic.name) {
-                let time = message.log_time;
-                counted.count += 1;
-                counted.bytes += message.data.len() as u64;
-                let (first, last) = counted.times.unwrap_or((time, time));
-                counted.times = Some((first.min(time), last.max(time)));
+            if let Some(summary) = found.get_mut(&topic.name) {
+                let time = message.times.log;
+                summary.count += 1;
+                summary.bytes += message.data.len() as u64;
+                let (first, last) = summary.times.unwrap_or((time, time));
+                summary.times = Some((first.min(time), last.max(time)));
             }
             Ok(())
         })?;
         Ok(Self {
             topics: found.into_values().collect(),
-            flaws,
+            defects,
         })
     }
 
     /// When the first and the last message were recorded, in nanoseconds.
     pub fn times(&self) -> Option<(u64, u64)> {
-        let times = self.topics.iter().filter_map(|counted| counted.times);
+        let times = self.topics.iter().filter_map(|summary| summary.times);
         times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 }
 
-impl Counted {
+impl TopicSummary {
     /// Messages a second, if there are two.
     pub fn rate(&self) -> Option<f64> {
         let (first, last) = self.times?;

@@ -1,21 +1,21 @@
 //! Where frames of reference are in each other at any time: what tf2 calls its buffer.
 
-use crate::message::{Stamp, TransformStamped};
+use crate::message::{Timestamp, TransformStamped};
 use crate::rigid::Rigid;
 use lsdc_files::error::{Error, Result};
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 /// The frame that robots measure their motion in, without jumps (ROS REP 105): where there is one, motion is measured in
 /// it.
-const CONTINUOUS: &str = "odom";
+const ODOMETRY: &str = "odom";
 
 /// The transforms of a recording.
 #[derive(Debug, Default)]
 pub struct Transforms {
     /// By the frame that is in another one.
     links: BTreeMap<String, Link>,
-    /// Transforms of a frame whose parent was another one before: these are left out.
-    pub elsewhere: usize,
+    /// Transforms of a frame that had another parent before. They are left out.
+    pub reparented: usize,
     /// Transforms that hold at all times, but differ from one before, which they replace.
     pub replaced: usize,
 }
@@ -26,48 +26,48 @@ struct Link {
     parent: String,
     is_static: bool,
     /// In the order of time, if it moves; else the last that was said.
-    samples: Vec<(Stamp, Rigid)>,
-    /// Transforms further apart, in nanoseconds, say nothing of the motion between them.
-    longest: u64,
+    samples: Vec<(Timestamp, Rigid)>,
+    /// Motion is not interpolated between transforms further apart, in nanoseconds.
+    max_gap: u64,
 }
 
 impl Link {
     /// Motion is even between transforms at their usual rate. So many times the usual time between two may be missing: a
     /// few lost messages, not the outage of an odometry.
-    const USUAL: u64 = 5;
+    const GAP_FACTOR: u64 = 5;
     /// Nanoseconds. An acceleration of 3 m/s² over a quarter of a second leaves a straight line by 2.3 cm (a t² / 8).
-    const LEAST: u64 = 250_000_000;
+    const MIN_GAP: u64 = 250_000_000;
     /// The same over 2 seconds: 1.5 m. Poses that are rarer say too little of a motion.
-    const MOST: u64 = 2_000_000_000;
+    const MAX_GAP: u64 = 2_000_000_000;
 
     /// The longest time between two transforms that motion is interpolated over: by the median time between all.
-    fn longest(samples: &[(Stamp, Rigid)]) -> u64 {
+    fn max_gap(samples: &[(Timestamp, Rigid)]) -> u64 {
         let times = samples.windows(2).map(|pair| pair[1].0.abs_diff(pair[0].0));
         let mut times: Vec<u64> = times.collect();
         let middle = times.len() / 2;
         if times.is_empty() {
-            return Self::LEAST;
+            return Self::MIN_GAP;
         }
-        let usual = *times.select_nth_unstable(middle).1;
-        usual
-            .saturating_mul(Self::USUAL)
-            .clamp(Self::LEAST, Self::MOST)
+        let median = *times.select_nth_unstable(middle).1;
+        median
+            .saturating_mul(Self::GAP_FACTOR)
+            .clamp(Self::MIN_GAP, Self::MAX_GAP)
     }
 }
 
-/// That the place of a frame is not known at a time.
+/// The pose of a frame is not known at a time.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Gap {
+pub struct TransformGap {
     child: String,
     parent: String,
     /// Nanoseconds from the time to the nearest transform.
-    away: u64,
+    distance: u64,
     /// Nanoseconds between the transforms before and after the time, and how many there may be; none where it is before
     /// the first or after the last.
     between: Option<(u64, u64)>,
 }
 
-impl Gap {
+impl TransformGap {
     /// Which kind of gap it is, for counting.
     pub fn kind(&self) -> &'static str {
         match self.between {
@@ -77,33 +77,33 @@ impl Gap {
     }
 }
 
-impl std::fmt::Display for Gap {
+impl std::fmt::Display for TransformGap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self {
             child,
             parent,
-            away,
+            distance,
             between,
         } = self;
         let seconds = |nanoseconds: &u64| *nanoseconds as f64 * 1e-9;
         write!(
             f,
             "`{child}` has no place in `{parent}` at its time, the nearest is {:.3} s away",
-            seconds(away)
+            seconds(distance)
         )?;
         match between {
             None => Ok(()),
-            Some((apart, longest)) => write!(
+            Some((interval, max_gap)) => write!(
                 f,
                 ", in a gap of {:.3} s: motion is interpolated over {:.3} s at most",
-                seconds(apart),
-                seconds(longest)
+                seconds(interval),
+                seconds(max_gap)
             ),
         }
     }
 }
 
-/// The way from a frame to another one, over a third that both are in.
+/// The route from a frame to another one, over a third that both are in.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Route {
     /// From each end, the frames on the way to the one that motion is measured in.
@@ -115,21 +115,21 @@ pub struct Route {
 }
 
 impl Transforms {
-    /// Takes in a transform, which is valid at all times if it is static.
+    /// Adds a transform, which is valid at all times if it is static.
     pub fn add(&mut self, found: TransformStamped, is_static: bool) {
         let link = self.links.entry(found.child).or_insert_with(|| Link {
             parent: found.parent.clone(),
             is_static,
             samples: Vec::new(),
-            longest: 0,
+            max_gap: 0,
         });
         if link.parent != found.parent {
-            self.elsewhere += 1;
+            self.reparented += 1;
             return;
         }
         link.is_static |= is_static;
         if link.is_static {
-            let differs = |(_, last): &(Stamp, Rigid)| *last != found.rigid;
+            let differs = |(_, last): &(Timestamp, Rigid)| *last != found.rigid;
             self.replaced += usize::from(link.samples.last().is_some_and(differs));
             link.samples.clear();
         }
@@ -143,26 +143,20 @@ impl Transforms {
             link.samples.reverse();
             link.samples.sort_by_key(|(stamp, _)| *stamp);
             link.samples.dedup_by_key(|(stamp, _)| *stamp);
-            link.longest = Link::longest(&link.samples);
+            link.max_gap = Link::max_gap(&link.samples);
         }
     }
 
     /// The frames that are in another one, or that others are in.
     pub fn frames(&self) -> impl Iterator<Item = &str> {
         let parents = self.links.values().map(|link| link.parent.as_str());
-        let mut all: Vec<&str> = self
-            .links
-            .keys()
-            .map(String::as_str)
-            .chain(parents)
-            .collect();
-        all.sort_unstable();
-        all.dedup();
+        let children = self.links.keys().map(String::as_str);
+        let all: BTreeSet<&str> = children.chain(parents).collect();
         all.into_iter()
     }
 
     /// The frames from one up to that which is in no other; none twice.
-    fn upwards<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
+    fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
         let (mut found, mut seen) = (vec![frame], HashSet::from([frame]));
         while let Some(link) = found.last().and_then(|last| self.links.get(*last)) {
             if !seen.insert(&link.parent) {
@@ -179,7 +173,7 @@ impl Transforms {
     /// # Errors
     /// No transforms lead from one to the other, or not over `fixed`.
     pub fn route(&self, from: &str, to: &str, fixed: Option<&str>) -> Result<Route> {
-        let ends = [self.upwards(from), self.upwards(to)];
+        let ends = [self.ancestors(from), self.ancestors(to)];
         let shared = |frame: &str| ends.iter().all(|end| end.contains(&frame));
         let Some(&first) = ends[0].iter().find(|frame| shared(frame)) else {
             let known: Vec<&str> = self.links.keys().map(String::as_str).collect();
@@ -197,8 +191,8 @@ impl Transforms {
             }));
         };
         let top = ends[0].last().copied().unwrap_or(first);
-        let usual = if shared(CONTINUOUS) { CONTINUOUS } else { top };
-        let fixed = fixed.unwrap_or(usual);
+        let default_frame = if shared(ODOMETRY) { ODOMETRY } else { top };
+        let fixed = fixed.unwrap_or(default_frame);
         if !shared(fixed) {
             let what = format!("`{from}` and `{to}` are not both in the frame `{fixed}`");
             let common: Vec<&str> = ends[0]
@@ -228,7 +222,11 @@ impl Transforms {
     ///
     /// # Errors
     /// The place of a frame on the way is not known at its time.
-    pub fn between(&self, route: &Route, times: [Stamp; 2]) -> std::result::Result<Rigid, Gap> {
+    pub fn between(
+        &self,
+        route: &Route,
+        times: [Timestamp; 2],
+    ) -> std::result::Result<Rigid, TransformGap> {
         let up = |end: usize| {
             let frames = &route.ends[end];
             // At one time, what is above the first common frame cancels out.
@@ -239,7 +237,7 @@ impl Transforms {
             };
             let mut rigid = Rigid::IDENTITY;
             for frame in &frames[..count] {
-                rigid = self.place(frame, times[end])?.after(rigid);
+                rigid = self.pose_at(frame, times[end])?.after(rigid);
             }
             Ok(rigid)
         };
@@ -247,23 +245,23 @@ impl Transforms {
     }
 
     /// Whether any frame on a route moves.
-    pub fn move_on(&self, route: &Route) -> bool {
+    pub fn is_dynamic(&self, route: &Route) -> bool {
         let moves = |frame: &String| self.links.get(frame).is_some_and(|link| !link.is_static);
         route.ends.iter().flatten().any(moves)
     }
 
-    /// Where a frame is in its parent at a time, between the transforms before and after it.
-    fn place(&self, frame: &str, stamp: Stamp) -> std::result::Result<Rigid, Gap> {
+    /// The pose of a frame in its parent at a time, interpolated between the transforms before and after it.
+    fn pose_at(&self, frame: &str, stamp: Timestamp) -> std::result::Result<Rigid, TransformGap> {
         let Some(link) = self.links.get(frame) else {
             return Ok(Rigid::IDENTITY);
         };
         if let (true, Some((_, rigid))) = (link.is_static, link.samples.last()) {
             return Ok(*rigid);
         }
-        let gap = |away, between| Gap {
+        let gap = |distance, between| TransformGap {
             child: frame.to_owned(),
             parent: link.parent.clone(),
-            away,
+            distance,
             between,
         };
         let after = link.samples.partition_point(|(time, _)| *time < stamp);
@@ -272,18 +270,18 @@ impl Transforms {
         match (before, next) {
             (_, Some((time, rigid))) if *time == stamp => Ok(*rigid),
             (Some((start, a)), Some((end, b))) => {
-                let (apart, past) = (end.abs_diff(start), stamp.abs_diff(start));
+                let (interval, elapsed) = (end.abs_diff(start), stamp.abs_diff(start));
                 // What stays where it was has not moved, however seldom that is said.
-                if apart > link.longest && a != *b {
-                    let away = past.min(apart - past);
-                    return Err(gap(away, Some((apart, link.longest))));
+                if interval > link.max_gap && a != *b {
+                    let distance = elapsed.min(interval - elapsed);
+                    return Err(gap(distance, Some((interval, link.max_gap))));
                 }
-                Ok(a.towards(*b, past as f64 / apart as f64))
+                Ok(a.interpolate(*b, elapsed as f64 / interval as f64))
             }
             (one, other) => {
                 let nearest = one.or(other.copied());
-                let away = nearest.map_or(0, |(time, _)| time.abs_diff(stamp));
-                Err(gap(away, None))
+                let distance = nearest.map_or(0, |(time, _)| time.abs_diff(stamp));
+                Err(gap(distance, None))
             }
         }
     }
@@ -300,7 +298,14 @@ impl Route {
 mod tests {
     use super::*;
 
-    fn add(tree: &mut Transforms, parent: &str, child: &str, stamp: Stamp, x: f64, fixed: bool) {
+    fn add(
+        tree: &mut Transforms,
+        parent: &str,
+        child: &str,
+        stamp: Timestamp,
+        x: f64,
+        fixed: bool,
+    ) {
         let rigid = Rigid::new([0.0, 0.0, 0.0, 1.0], [x, 0.0, 0.0]).unwrap();
         let found = TransformStamped {
             stamp,
@@ -324,7 +329,7 @@ mod tests {
         tree
     }
 
-    fn moved(tree: &Transforms, route: &Route, times: [Stamp; 2]) -> f64 {
+    fn moved(tree: &Transforms, route: &Route, times: [Timestamp; 2]) -> f64 {
         tree.between(route, times).unwrap().apply([0.0; 3])[0]
     }
 
@@ -350,8 +355,8 @@ mod tests {
     /// 50 Hz with an outage of 30 s: what is near its ends is known no better than what is in the middle.
     #[test]
     fn motion_is_not_interpolated_over_an_outage() {
-        const SECOND: Stamp = 1_000_000_000;
-        let tree = |stamps: &mut dyn Iterator<Item = Stamp>| {
+        const SECOND: Timestamp = 1_000_000_000;
+        let tree = |stamps: &mut dyn Iterator<Item = Timestamp>| {
             let mut tree = Transforms::default();
             for stamp in stamps {
                 add(&mut tree, "odom", "base", stamp, stamp as f64 * 1e-9, false);
@@ -361,7 +366,7 @@ mod tests {
         };
         let driven = tree(&mut (0..100).chain(1600..1700).map(|step| step * SECOND / 50));
         let at = |tree: &Transforms, seconds: f64| {
-            let stamp = (seconds * 1e9) as Stamp;
+            let stamp = (seconds * 1e9) as Timestamp;
             let route = tree.route("base", "odom", Some("odom")).unwrap();
             let found = tree.between(&route, [stamp, 0]);
             found.map(|moved| moved.apply([0.0; 3])[0])
@@ -390,7 +395,7 @@ mod tests {
         still.sort();
         assert_eq!(at(&still, 15.0).unwrap(), 7.0);
         // Stamps as far apart as there are.
-        let ends = tree(&mut [Stamp::MIN, Stamp::MAX].into_iter());
+        let ends = tree(&mut [Timestamp::MIN, Timestamp::MAX].into_iter());
         assert!(at(&ends, 1.0).is_err());
     }
 
@@ -429,6 +434,6 @@ mod tests {
     fn another_parent_is_left_out_and_counted() {
         let mut tree = car();
         add(&mut tree, "trailer", "lidar", 0, 9.0, true);
-        assert_eq!(tree.elsewhere, 1);
+        assert_eq!(tree.reparented, 1);
     }
 }

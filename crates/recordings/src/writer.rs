@@ -1,8 +1,8 @@
 //! Recordings that are written: MCAP, which appears under its name when it is complete.
 
-use crate::container::{Message, Topic};
+use crate::container::{Message, MessageTimes, Topic};
 use crate::definitions::{LANGUAGE, definition};
-use crate::message::Kind;
+use crate::message::MessageType;
 use lsdc_files::error::{Error, Result};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// A recording on its way into a file.
 pub struct Writer {
     path: PathBuf,
-    output: mcap::Writer<BufWriter<lsdc_files::Unfinished>>,
+    output: mcap::Writer<BufWriter<lsdc_files::AtomicFile>>,
     /// By name, type and encoding.
     channels: HashMap<(String, String, String), u16>,
     /// Messages of each channel.
@@ -23,22 +23,13 @@ pub struct Writer {
     undefined: usize,
 }
 
-/// When a message is recorded and published, in nanoseconds.
-#[derive(Clone, Copy, Debug)]
-pub struct Times {
-    /// When it was recorded.
-    pub log: u64,
-    /// When it was published.
-    pub publish: u64,
-}
-
 impl Writer {
     /// Begins a recording that will be at `path`; nothing is there before [`Self::finish`].
     ///
     /// # Errors
     /// The folder cannot be written.
     pub fn create(path: &Path) -> Result<Self> {
-        let file = lsdc_files::Unfinished::create(path)?;
+        let file = lsdc_files::AtomicFile::create(path)?;
         let options = WriteOptions::new()
             .profile("ros2")
             .library(concat!("lsdc ", env!("CARGO_PKG_VERSION")))
@@ -61,7 +52,13 @@ impl Writer {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn write(&mut self, topic: &str, kind: Kind, times: Times, data: &[u8]) -> Result<()> {
+    pub fn write(
+        &mut self,
+        topic: &str,
+        kind: MessageType,
+        times: MessageTimes,
+        data: &[u8],
+    ) -> Result<()> {
         let topic = Topic {
             name: topic.to_owned(),
             kind: kind.name().to_owned(),
@@ -77,14 +74,16 @@ impl Writer {
     /// # Errors
     /// The file cannot be written.
     pub fn copy(&mut self, topic: &Arc<Topic>, message: &Message<'_>) -> Result<()> {
-        let times = Times {
-            log: message.log_time,
-            publish: message.publish_time,
-        };
-        self.put(topic, Some(message.sequence), times, message.data)
+        self.put(topic, Some(message.sequence), message.times, message.data)
     }
 
-    fn put(&mut self, topic: &Topic, number: Option<u32>, times: Times, data: &[u8]) -> Result<()> {
+    fn put(
+        &mut self,
+        topic: &Topic,
+        number: Option<u32>,
+        times: MessageTimes,
+        data: &[u8],
+    ) -> Result<()> {
         let channel_id = self.channel(topic)?;
         let count = self.counts.entry(channel_id).or_default();
         *count = count.wrapping_add(1);
@@ -111,7 +110,7 @@ impl Writer {
             .definition
             .as_ref()
             .filter(|(_, text)| !text.is_empty());
-        let (language, text) = match (usable, Kind::of(&topic.kind)) {
+        let (language, text) = match (usable, MessageType::of(&topic.kind)) {
             (Some((language, text)), _) => (language.clone(), text.clone()),
             (None, Some(kind)) => (LANGUAGE.to_owned(), definition(kind).into_bytes()),
             (None, None) => {
@@ -119,14 +118,13 @@ impl Writer {
                 (String::new(), Vec::new())
             }
         };
-        let failed = |e| unwritten(&self.path, e);
         // A channel without a type has no schema.
         let schema = if topic.kind.is_empty() {
             0
         } else {
             self.output
                 .add_schema(&topic.kind, &language, &text)
-                .map_err(failed)?
+                .map_err(|e| unwritten(&self.path, e))?
         };
         let (name, encoding) = (&topic.name, &topic.encoding);
         let channel = self

@@ -1,6 +1,6 @@
 //! Answers on their way out.
 
-use crate::encode::Encoded;
+use crate::encode::EncodedAnswer;
 use crate::worker_pool::QueueSlot;
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, Response, StatusCode, header};
@@ -16,17 +16,17 @@ const PIECE: usize = 64 << 10;
 /// The header that holds the report, as one line of JSON, beside answers that have no room for it.
 pub(crate) const REPORT: HeaderName = HeaderName::from_static("lsdc-report");
 
-/// The answer of a completion, which holds its place until it has been fetched.
-pub(crate) fn of(encoded: Encoded, place: QueueSlot) -> Response<Body> {
-    let form = encoded.form;
-    let mut response = Response::new(Body::new(Held {
-        left: encoded.bytes.into(),
-        _place: place,
+/// The answer of a completion, which keeps its slot of the queue until it has been fetched.
+pub(crate) fn of(encoded: EncodedAnswer, slot: QueueSlot) -> Response<Body> {
+    let media_type = encoded.media_type;
+    let mut response = Response::new(Body::new(AnswerBody {
+        unsent: encoded.bytes.into(),
+        _slot: slot,
     }));
     let headers = response.headers_mut();
-    let media = HeaderValue::from_static(form.media());
-    headers.insert(header::CONTENT_TYPE, media);
-    if let Some(name) = form.file() {
+    let name = HeaderValue::from_static(media_type.name());
+    headers.insert(header::CONTENT_TYPE, name);
+    if let Some(name) = media_type.file() {
         let report = HeaderValue::try_from(encoded.report.header());
         headers.extend(report.ok().map(|report| (REPORT, report)));
         let named = HeaderValue::try_from(format!("attachment; filename=\"{name}\""));
@@ -37,10 +37,8 @@ pub(crate) fn of(encoded: Encoded, place: QueueSlot) -> Response<Body> {
 
 /// JSON with a status.
 pub(crate) fn json(status: StatusCode, value: &serde_json::Value) -> Response<Body> {
-    let mut response = Response::new(Body::from(format!("{value}\n")));
+    let mut response = text("application/json", format!("{value}\n"));
     *response.status_mut() = status;
-    let media = HeaderValue::from_static("application/json");
-    response.headers_mut().insert(header::CONTENT_TYPE, media);
     response
 }
 
@@ -52,13 +50,13 @@ pub(crate) fn text(media: &'static str, text: impl Into<Body>) -> Response<Body>
     response
 }
 
-/// Bytes that go out piece by piece, as the client takes them, and a place that is held until the last.
-struct Held {
-    left: Bytes,
-    _place: QueueSlot,
+/// Bytes that go out piece by piece, as the client takes them, and a slot that is released after the last.
+struct AnswerBody {
+    unsent: Bytes,
+    _slot: QueueSlot,
 }
 
-impl hyper::body::Body for Held {
+impl hyper::body::Body for AnswerBody {
     type Data = Bytes;
     type Error = Infallible;
 
@@ -66,18 +64,18 @@ impl hyper::body::Body for Held {
         mut self: Pin<&mut Self>,
         _: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
-        if self.left.is_empty() {
+        if self.unsent.is_empty() {
             return Poll::Ready(None);
         }
-        let length = self.left.len().min(PIECE);
-        Poll::Ready(Some(Ok(Frame::data(self.left.split_to(length)))))
+        let length = self.unsent.len().min(PIECE);
+        Poll::Ready(Some(Ok(Frame::data(self.unsent.split_to(length)))))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.left.is_empty()
+        self.unsent.is_empty()
     }
 
     fn size_hint(&self) -> SizeHint {
-        SizeHint::with_exact(self.left.len() as u64)
+        SizeHint::with_exact(self.unsent.len() as u64)
     }
 }

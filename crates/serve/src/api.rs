@@ -2,17 +2,16 @@
 
 use crate::answer;
 use crate::app::App;
-use crate::complete::Completed;
-use crate::encode::{Encoded, encode, no_camera};
+use crate::complete::CompletionResult;
+use crate::computation::{Computation, Stage};
+use crate::encode::{EncodedAnswer, encode, no_camera};
 use crate::fault::Fault;
-use crate::forms::Form;
-use crate::frame::{Frame, check_points};
+use crate::frame::{InputFrame, check_points};
+use crate::media_type::MediaType;
 use crate::options::Options;
-use crate::part::Part;
 use crate::points;
 use crate::receive::{Receiver, Request};
-use crate::scenes::CachedScene;
-use crate::task::Task;
+use crate::scene_cache::CachedScene;
 use crate::upload::Upload;
 use axum::body::Body;
 use axum::extract::{Path, State};
@@ -32,43 +31,40 @@ pub(crate) async fn complete(
     body: Body,
 ) -> Answer {
     let request = Request::new(&app, &headers, body).await?;
-    let form = request.form;
+    let media_type = request.media_type;
     let read = move |body: &mut Receiver<'_>| {
         let upload = body.form(&["image", "points", "camera", "options"])?;
-        let options = options(&upload)?;
+        let options = Options::read(&upload)?;
         upload.need("image")?;
         check_points(&upload)?;
-        if form == Form::Ply && upload.get("camera").is_none() {
+        if media_type == MediaType::Ply && upload.get("camera").is_none() {
             return Err(no_camera());
         }
         Ok((upload, options))
     };
-    let ((upload, options), place) = request.read(read).await?;
-    let own = app.clone();
-    let work = move |task: &Task| {
-        let work = || {
-            let (frame, scene, points, read) = {
-                let read = || {
-                    let frame = Frame::read(&upload, &own.config.limits)?;
-                    let points = frame.points(&upload, &options, &own.config.limits)?;
-                    let (width, height) = frame.size();
-                    points.points.check(width, height)?;
-                    Ok((frame, points))
-                };
-                let ((frame, points), reading) = task.part(Part::Read, read)?;
-                let fit = own.completer.fit_config().changed(&options.changes());
-                let completer = own.completer.with_fit(fit);
-                let network = || Ok(completer.scene(&frame.image()?)?);
-                let (scene, _) = task.part(Part::Network, network)?;
-                let read = (frame.remarks.clone(), reading);
-                (frame, scene, points, read)
+    let ((upload, options), slot) = request.read(read).await?;
+    let state = app.clone();
+    let work = move |computation: &Computation| {
+        upload.with_client_names(|| {
+            let read = || {
+                let limits = &state.config.limits;
+                let frame = InputFrame::read(&upload, limits)?;
+                let points = frame.points(&upload, &options, limits)?;
+                let (width, height) = frame.size();
+                points.points.check(width, height)?;
+                Ok((frame, points))
             };
-            finish(task, &scene, &frame, points, (&options, form), read)
-        };
-        work().map_err(|fault| upload.named(fault))
+            let ((frame, points), reading) = computation.stage(Stage::Read, read)?;
+            let fit = state.completer.fit_config().changed(&options.changes());
+            let completer = state.completer.with_fit(fit);
+            let network = || Ok(completer.scene(&frame.image()?)?);
+            let (scene, _) = computation.stage(Stage::Network, network)?;
+            let answer = (&options, media_type);
+            finish(computation, &scene, &frame, (points, reading), answer)
+        })
     };
-    let encoded = app.pool.run(&app.task(), work).await?;
-    Ok(answer::of(encoded, place))
+    let encoded = app.run(work).await?;
+    Ok(answer::of(encoded, slot))
 }
 
 /// `POST /v1/scenes`.
@@ -79,33 +75,32 @@ pub(crate) async fn create(State(app): State<Arc<App>>, headers: HeaderMap, body
         upload.need("image")?;
         Ok(upload)
     };
-    let (upload, _place) = request.read(read).await?;
-    let own = app.clone();
-    let work = move |task: &Task| {
-        let work = || {
-            let read = || Frame::read(&upload, &own.config.limits);
-            let (frame, _) = task.part(Part::Read, read)?;
-            let network = || Ok(own.completer.scene(&frame.image()?)?);
-            let (scene, _) = task.part(Part::Network, network)?;
+    let (upload, _slot) = request.read(read).await?;
+    let state = app.clone();
+    let work = move |computation: &Computation| {
+        upload.with_client_names(|| {
+            let read = || InputFrame::read(&upload, &state.config.limits);
+            let (frame, _) = computation.stage(Stage::Read, read)?;
+            let network = || Ok(state.completer.scene(&frame.image()?)?);
+            let (scene, _) = computation.stage(Stage::Network, network)?;
             Ok(CachedScene { frame, scene })
-        };
-        work().map_err(|fault| upload.named(fault))
+        })
     };
-    let kept = app.pool.run(&app.task(), work).await?;
-    let mut described = described(&app, &kept);
-    let name = app.scenes.keep(kept)?;
+    let scene = app.run(work).await?;
+    let mut described = described(&app, &scene);
+    let name = app.scenes.keep(scene)?;
     described["id"] = name.clone().into();
     let mut response = answer::json(StatusCode::CREATED, &described);
-    let place = format!("/v1/scenes/{name}").try_into();
-    let place = place.map_err(|_| Fault::failed())?;
-    response.headers_mut().insert(header::LOCATION, place);
+    let location = format!("/v1/scenes/{name}").try_into();
+    let location = location.map_err(|_| Fault::failed())?;
+    response.headers_mut().insert(header::LOCATION, location);
     Ok(response)
 }
 
 /// `GET /v1/scenes/{id}`.
 pub(crate) async fn show(State(app): State<Arc<App>>, Path(name): Path<String>) -> Answer {
-    let kept = app.scenes.get(&name)?;
-    let mut described = described(&app, &kept);
+    let scene = app.scenes.get(&name)?;
+    let mut described = described(&app, &scene);
     described["id"] = name.into();
     Ok(answer::json(StatusCode::OK, &described))
 }
@@ -118,7 +113,7 @@ pub(crate) async fn forget(State(app): State<Arc<App>>, Path(name): Path<String>
     Ok(response)
 }
 
-/// The points of a request to a scene, and what they are read with.
+/// The points of a request to a scene, and the options to read them with.
 enum RequestBody {
     /// Points and options, to be parsed by the thread that computes.
     Json(Vec<u8>),
@@ -132,92 +127,83 @@ impl RequestBody {
         }
         let upload = body.form(&["points", "options"])?;
         check_points(&upload)?;
-        let options = options(&upload)?;
+        let options = Options::read(&upload)?;
         Ok(Self::Form(upload, options))
     }
 
-    fn points(self, frame: &Frame, app: &App) -> Result<(Sparse, Options), Fault> {
+    fn points(self, frame: &InputFrame, app: &App) -> Result<(Sparse, Options), Fault> {
         let limits = &app.config.limits;
         match self {
             Self::Json(json) => {
                 let (points, options) = points::parse_with_options(&json, limits.points)?;
-                Ok((frame.listed(points, &options)?, options))
+                Ok((frame.listed_points(points, &options)?, options))
             }
             Self::Form(upload, options) => {
-                let points = frame.points(&upload, &options, limits);
-                let points = points.map_err(|fault| upload.named(fault))?;
-                Ok((points, options))
+                let points = || frame.points(&upload, &options, limits);
+                Ok((upload.with_client_names(points)?, options))
             }
         }
     }
 }
 
 /// `POST /v1/scenes/{id}/complete`.
-pub(crate) async fn again(
+pub(crate) async fn complete_scene(
     State(app): State<Arc<App>>,
     Path(name): Path<String>,
     headers: HeaderMap,
     body: Body,
 ) -> Answer {
     let request = Request::new(&app, &headers, body).await?;
-    let (form, own) = (request.form, app.clone());
+    let (media_type, state) = (request.media_type, app.clone());
     let read = move |body: &mut Receiver<'_>| {
-        let kept = own.scenes.get(&name)?;
-        if form == Form::Ply && kept.frame.camera.is_none() {
+        let scene = state.scenes.get(&name)?;
+        if media_type == MediaType::Ply && scene.frame.camera.is_none() {
             return Err(no_camera());
         }
-        Ok((kept, RequestBody::read(body)?))
+        Ok((scene, RequestBody::read(body)?))
     };
-    let ((kept, sent), place) = request.read(read).await?;
-    let own = app.clone();
-    let work = move |task: &Task| {
-        let CachedScene { frame, scene } = &*kept;
-        let ((points, options), reading) = task.part(Part::Read, || sent.points(frame, &own))?;
-        let fit = own.completer.fit_config().changed(&options.changes());
+    let ((cached, body), slot) = request.read(read).await?;
+    let state = app.clone();
+    let work = move |computation: &Computation| {
+        let CachedScene { frame, scene } = &*cached;
+        let read = || body.points(frame, &state);
+        let ((points, options), reading) = computation.stage(Stage::Read, read)?;
+        let fit = state.completer.fit_config().changed(&options.changes());
         let scene = scene.with_fit(fit)?;
-        let read = (frame.remarks.clone(), reading);
-        finish(task, &scene, frame, points, (&options, form), read)
+        let answer = (&options, media_type);
+        finish(computation, &scene, frame, (points, reading), answer)
     };
-    let encoded = app.pool.run(&app.task(), work).await?;
-    Ok(answer::of(encoded, place))
+    let encoded = app.run(work).await?;
+    Ok(answer::of(encoded, slot))
 }
 
-/// The last parts, which both ways share.
+/// The stages after the network.
 fn finish(
-    task: &Task,
+    computation: &Computation,
     scene: &Scene,
-    frame: &Frame,
-    points: Sparse,
-    (options, form): (&Options, Form),
-    read: (Vec<String>, Duration),
-) -> Result<Encoded, Fault> {
-    let found = Completed::new(task, scene, points, (options, form), read)?;
-    let (encoded, _) = task.part(Part::Encode, || encode(form, &found, frame, options))?;
+    frame: &InputFrame,
+    (points, reading): (Sparse, Duration),
+    (options, media_type): (&Options, MediaType),
+) -> Result<EncodedAnswer, Fault> {
+    let read = (frame.remarks.clone(), reading);
+    let found = CompletionResult::new(computation, scene, points, (options, media_type), read)?;
+    let encode = || encode(media_type, &found, frame, options);
+    let (encoded, _) = computation.stage(Stage::Encode, encode)?;
     Ok(encoded)
 }
 
-fn options(upload: &Upload) -> Result<Options, Fault> {
-    match upload.get("options") {
-        None => Ok(Options::default()),
-        Some(path) => {
-            let json = std::fs::read(path).map_err(|_| Fault::failed())?;
-            Options::parse(&json)
-        }
-    }
-}
-
-/// A scene, but for its name.
-fn described(app: &App, kept: &CachedScene) -> Value {
-    let camera = kept.frame.camera.as_ref().map(|camera| {
+/// A scene without its name.
+fn described(app: &App, cached: &CachedScene) -> Value {
+    let camera = cached.frame.camera.as_ref().map(|camera| {
         let [fx, fy, cx, cy] = camera.intrinsics();
         json!({ "fx": fx, "fy": fy, "cx": cx, "cy": cy })
     });
     json!({
-        "width": kept.scene.width(),
-        "height": kept.scene.height(),
+        "width": cached.scene.width(),
+        "height": cached.scene.height(),
         "weights": app.config.weights,
         "camera": camera,
-        "remarks": kept.frame.remarks,
+        "remarks": cached.frame.remarks,
         "expires_in": app.scenes.expiry().as_secs(),
     })
 }

@@ -1,11 +1,12 @@
 //! What all requests share.
 
+use crate::computation::Computation;
 use crate::config::Config;
+use crate::fault::Fault;
 use crate::guard::Guard;
 use crate::metrics::Metrics;
-use crate::page::Index;
-use crate::scenes::Scenes;
-use crate::task::Task;
+use crate::page::GalleryCache;
+use crate::scene_cache::SceneCache;
 use crate::worker_pool::WorkerPool;
 use lsdc_core::Completer;
 use std::net::SocketAddr;
@@ -17,42 +18,42 @@ pub(crate) struct App {
     pub(crate) completer: Completer,
     pub(crate) config: Config,
     pub(crate) pool: WorkerPool,
-    pub(crate) scenes: Scenes,
+    pub(crate) scenes: SceneCache,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) guard: Guard,
-    pub(crate) gallery: Index,
+    pub(crate) gallery: GalleryCache,
     ends: AtomicBool,
 }
 
 impl App {
-    /// Starts the threads that compute.
-    ///
-    /// # Errors
-    /// Threads that cannot be started.
-    pub(crate) fn new(
-        completer: Completer,
-        config: Config,
-        address: SocketAddr,
-    ) -> std::io::Result<Self> {
+    /// The state of a service that listens on this address.
+    pub(crate) fn new(completer: Completer, config: Config, address: SocketAddr) -> Self {
         let metrics = Arc::new(Metrics::default());
         let limits = &config.limits;
-        let pool = WorkerPool::new(limits.workers, limits.queue, metrics.clone())?;
-        Ok(Self {
+        let pool = WorkerPool::new(limits.workers, limits.queue, metrics.clone());
+        Self {
             completer,
             pool,
-            scenes: Scenes::new(limits.scenes, limits.expiry, metrics.clone()),
+            scenes: SceneCache::new(limits.scenes, limits.expiry, metrics.clone()),
             guard: Guard::new(&config, address),
-            gallery: Index::default(),
+            gallery: GalleryCache::default(),
             metrics,
             config,
             ends: AtomicBool::new(false),
-        })
+        }
     }
 
-    /// A computation that begins now.
-    pub(crate) fn task(&self) -> Arc<Task> {
+    /// Computes on a thread of the pool, within the time that a request may take.
+    ///
+    /// # Errors
+    /// As for [`WorkerPool::run`].
+    pub(crate) async fn run<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Computation) -> Result<T, Fault> + Send + 'static,
+    ) -> Result<T, Fault> {
         let (allowed, trace) = (self.config.limits.request, self.config.trace.clone());
-        Arc::new(Task::new(allowed, self.metrics.clone(), trace))
+        let computation = Arc::new(Computation::new(allowed, self.metrics.clone(), trace));
+        self.pool.run(&computation, work).await
     }
 
     /// The service takes no more requests.

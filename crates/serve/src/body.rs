@@ -1,7 +1,7 @@
 //! Bodies of requests, as they come in: bounded in size, and dropped where they come too slowly.
 
 use crate::config::Limits;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
 use axum::body::{Body, BodyDataStream};
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt as _, stream};
@@ -56,7 +56,7 @@ impl Incoming {
     pub(crate) async fn next(&mut self) -> Result<Option<Bytes>, Fault> {
         let next = tokio::time::timeout_at(self.end, self.stream.next()).await;
         let next = next.map_err(|_| {
-            Fault::new(Kind::Slow, "the request came too slowly")
+            Fault::new(FaultKind::Slow, "the request came too slowly")
                 .hint("send it again over a better connection")
         })?;
         let Some(chunk) = next else {

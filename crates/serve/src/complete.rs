@@ -1,19 +1,15 @@
-//! A completion, part by part.
+//! A completion, stage by stage.
 
+use crate::computation::{Computation, Stage};
 use crate::fault::Fault;
-use crate::forms::Form;
-use crate::options::{Layer, Options};
-use crate::part::Part;
-use crate::task::Task;
-use lsdc_core::{Completion, DepthMap, Outlier, Scene};
-use lsdc_files::Sparse;
+use crate::media_type::MediaType;
+use crate::options::{Options, OutputLayer};
+use lsdc_core::{Completion, DepthMap, FitError, Outlier, Scene};
+use lsdc_files::{MOST_TESTED, Sparse, clamped_pixels};
 use std::time::Duration;
 
-/// More points than this are not judged one by one: it takes several fits.
-const JUDGED: usize = 10_000;
-
 /// A completion and what was made of it.
-pub(crate) struct Completed {
+pub(crate) struct CompletionResult {
     pub(crate) points: Sparse,
     pub(crate) completion: Completion,
     pub(crate) depth: Option<DepthMap>,
@@ -23,69 +19,65 @@ pub(crate) struct Completed {
     /// Root mean square of the leave-one-out errors.
     pub(crate) leave_one_out: Option<f64>,
     pub(crate) outliers: Option<Vec<Outlier>>,
-    pub(crate) times: Times,
+    pub(crate) times: StageTimes,
     remarks: Vec<String>,
 }
 
-/// How long the parts took that the completion itself does not know of.
+/// The times of the stages that the report of the completion does not include.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Times {
+pub(crate) struct StageTimes {
     pub(crate) reading: Duration,
     pub(crate) dense: Duration,
     pub(crate) deviation: Duration,
-    pub(crate) judging: Duration,
+    pub(crate) outlier_test: Duration,
 }
 
-impl Completed {
-    /// Fits a scene to points, and makes of it what the form of the answer holds. `remarks` and `reading` are of what
-    /// was read before.
+impl CompletionResult {
+    /// Fits a scene to points, and computes what answers of this media type hold. `remarks` and `reading` are those of
+    /// reading the request.
     pub(crate) fn new(
-        task: &Task,
+        computation: &Computation,
         scene: &Scene,
         points: Sparse,
-        (options, form): (&Options, Form),
+        (options, media_type): (&Options, MediaType),
         (mut remarks, reading): (Vec<String>, Duration),
     ) -> Result<Self, Fault> {
-        let (completion, _) = task.part(Part::Fit, || Ok(scene.complete(&points.points)?))?;
-        let mut times = Times {
+        let fit = || Ok(scene.complete(&points.points)?);
+        let (completion, _) = computation.stage(Stage::Fit, fit)?;
+        let mut times = StageTimes {
             reading,
-            ..Times::default()
+            ..StageTimes::default()
         };
         let mut depth = None;
-        if options.wants(Layer::Depth) || form.is_of_depth() {
-            let (found, time) = task.part(Part::Depth, || Ok(completion.depth()?))?;
+        if options.wants(OutputLayer::Depth) || media_type.needs_depth() {
+            let (found, time) = computation.stage(Stage::Depth, || Ok(completion.depth()?))?;
             (depth, times.dense) = (Some(found), time);
         }
-        let (low, high) = completion.limits();
-        let limited = |map: &DepthMap| {
-            let depths = map.values().iter();
-            depths.filter(|&&d| d <= low || d >= high).count()
-        };
         let mut deviations = None;
-        if options.wants(Layer::StandardDeviation) && form.has_deviations() {
-            let (found, time) =
-                task.part(Part::Deviation, || Ok(completion.standard_deviation()))?;
+        if options.wants(OutputLayer::StandardDeviation) && media_type.has_deviations() {
+            let deviation = || Ok(completion.standard_deviation());
+            let (found, time) = computation.stage(Stage::Deviation, deviation)?;
             times.deviation = time;
             match found {
                 Ok(map) => deviations = Some(map),
-                Err(lsdc_core::Error::Fit(why @ lsdc_core::FitError::TooFewPoints(_))) => {
+                Err(lsdc_core::Error::Fit(why @ FitError::TooFewPoints(_))) => {
                     remarks.push(format!("there are no standard deviations: {why}"));
                 }
                 Err(error) => return Err(error.into()),
             }
         }
         let (mut leave_one_out, mut outliers) = (None, None);
-        if options.wants(Layer::Outliers) && form.names_points() {
-            let judge = || {
-                let few = completion.report().used <= JUDGED;
+        if options.wants(OutputLayer::Outliers) && media_type.has_outliers() {
+            let test = || {
+                let few = completion.report().used <= MOST_TESTED;
                 let outliers = few.then(|| completion.outliers()).transpose()?;
                 Ok((completion.leave_one_out_error(), outliers))
             };
-            let (found, time) = task.part(Part::Judge, judge)?;
-            ((leave_one_out, outliers), times.judging) = (found, time);
+            let (found, time) = computation.stage(Stage::OutlierTest, test)?;
+            ((leave_one_out, outliers), times.outlier_test) = (found, time);
             if outliers.is_none() {
                 remarks.push(format!(
-                    "more than {JUDGED} points are not judged one by one"
+                    "more than {MOST_TESTED} points are not judged one by one"
                 ));
             }
         }
@@ -95,8 +87,9 @@ impl Completed {
                 "{without} points have no usable standard deviation; the noise of the fit is assumed for them"
             ));
         }
+        let clamped = |map| clamped_pixels(&completion, map);
         Ok(Self {
-            clamped: depth.as_ref().map_or(0, limited),
+            clamped: depth.as_ref().map_or(0, clamped),
             points,
             completion,
             depth,
@@ -113,7 +106,7 @@ impl Completed {
         [&self.remarks[..], &self.points.remarks[..]].concat()
     }
 
-    /// The depth, which every form with pixels asks for.
+    /// The depth, which every media type with pixels needs.
     pub(crate) fn depth(&self) -> Result<&DepthMap, Fault> {
         self.depth.as_ref().ok_or_else(Fault::failed)
     }

@@ -28,15 +28,15 @@ pub struct Config {
 }
 
 /// Is told of every request.
-pub type Log = Arc<dyn Fn(&Entry) + Send + Sync>;
+pub type Log = Arc<dyn Fn(&LogEntry) + Send + Sync>;
 
-/// Is called before each part of a computation.
+/// Is called before each stage of a computation.
 pub type Trace = Arc<dyn Fn(&str) + Send + Sync>;
 
 /// What is logged of a request: nothing of what it contains.
 #[derive(Clone, Debug, Serialize)]
 #[non_exhaustive]
-pub struct Entry {
+pub struct LogEntry {
     /// Seconds since 1970.
     pub time: f64,
     /// The name of the request, as in its answer.

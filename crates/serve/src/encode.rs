@@ -1,75 +1,67 @@
 //! The bytes of an answer.
 
-use crate::complete::Completed;
+use crate::complete::CompletionResult;
 use crate::fault::Fault;
-use crate::forms::{Form, Forms, Png};
-use crate::frame::Frame;
+use crate::frame::InputFrame;
 use crate::layers;
+use crate::media_type::MediaType;
 use crate::options::Options;
-use crate::report::Report;
+use crate::report::JsonReport;
 use lsdc_files::{
-    Cloud, encode_depth_png, encode_exr, encode_npz, encode_ply, png_unit, raised_in_png,
+    ColoredCloud, DescribedCloud, DescribedPng, encode_depth_png, encode_exr, encode_npz,
+    encode_ply,
 };
 
-/// An answer: its form and bytes, and the report that goes with them.
-pub(crate) struct Encoded {
-    pub(crate) form: Form,
+/// An answer: its media type and bytes, and the report that goes with them.
+pub(crate) struct EncodedAnswer {
+    pub(crate) media_type: MediaType,
     pub(crate) bytes: Vec<u8>,
-    pub(crate) report: Report,
+    pub(crate) report: JsonReport,
 }
 
-/// Makes the answer of a form.
+/// Encodes the answer.
 ///
 /// # Errors
 /// Depths that do not fit; a cloud without a camera.
 pub(crate) fn encode(
-    form: Form,
-    found: &Completed,
-    frame: &Frame,
+    media_type: MediaType,
+    found: &CompletionResult,
+    frame: &InputFrame,
     options: &Options,
-) -> Result<Encoded, Fault> {
-    let mut forms = Forms::default();
+) -> Result<EncodedAnswer, Fault> {
+    let mut report = JsonReport::new(found);
     let deviations = found.deviations.as_ref();
-    let mut bytes = Vec::new();
-    match form {
-        Form::Json | Form::Layers => {}
-        Form::Png => {
+    let bytes = match media_type {
+        MediaType::Json => (report.line() + "\n").into_bytes(),
+        MediaType::Layers => layers::encode(found, &report),
+        MediaType::Png => {
             let depth = found.depth()?;
-            let unit = png_unit(depth)?;
-            let raised = raised_in_png(depth, unit.metres());
-            forms.png = Some(Png { unit, raised });
-            bytes = encode_depth_png(depth, unit.metres())?;
+            let png = DescribedPng::new(depth)?;
+            report.png = Some(png);
+            encode_depth_png(depth, png.unit.metres())?
         }
-        Form::Exr => bytes = encode_exr(found.depth()?, deviations)?,
-        Form::Npz => {
-            let maps = [("depth", Some(found.depth()?)), ("sigma", deviations)];
-            let maps = maps
-                .into_iter()
-                .filter_map(|(name, map)| Some((name, map?)));
-            bytes = encode_npz(&maps.collect::<Vec<_>>())?;
+        MediaType::Exr => encode_exr(found.depth()?, deviations)?,
+        MediaType::Npz => {
+            let mut maps = vec![("depth", found.depth()?)];
+            maps.extend(deviations.map(|map| ("sigma", map)));
+            encode_npz(&maps)?
         }
-        Form::Ply => {
+        MediaType::Ply => {
             let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
             let options = options.cloud();
-            let cloud = Cloud::new(found.depth()?, deviations, &frame.rgb, camera, &options);
-            bytes = encode_ply(&cloud.points)?;
-            forms.cloud = Some(cloud);
+            let cloud = ColoredCloud::new(found.depth()?, deviations, &frame.rgb, camera, &options);
+            report.cloud = Some(DescribedCloud::from(&cloud));
+            encode_ply(&cloud.points)?
         }
-    }
-    let report = Report::new(found, &forms);
-    match form {
-        Form::Json => bytes = (report.line() + "\n").into_bytes(),
-        Form::Layers => bytes = layers::encode(found, &report),
-        _ => {}
-    }
-    Ok(Encoded {
-        form,
+    };
+    Ok(EncodedAnswer {
+        media_type,
         bytes,
         report,
     })
 }
 
-/// That a cloud cannot be made.
+/// The fault of a cloud without a camera.
 pub(crate) fn no_camera() -> Fault {
     Fault::unusable("a cloud needs a camera")
         .hint("send the part `camera`: a file, or the text FX,FY,CX,CY")

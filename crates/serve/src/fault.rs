@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// The kinds of faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Kind {
+pub(crate) enum FaultKind {
     /// The request is no multipart, JSON or list of points.
     Malformed,
     /// The token is missing or wrong.
@@ -18,7 +18,7 @@ pub(crate) enum Kind {
     NotFound,
     /// Not by this method.
     Method,
-    /// No such form of answer.
+    /// No answer of this media type.
     NotAcceptable,
     /// The client sends too slowly.
     Slow,
@@ -38,43 +38,33 @@ pub(crate) enum Kind {
     Gone,
 }
 
-impl Kind {
-    /// The name in logs and metrics.
-    pub(crate) fn name(self) -> &'static str {
+impl FaultKind {
+    /// The name in logs and metrics, and the status of the answer.
+    fn name_and_status(self) -> (&'static str, StatusCode) {
         match self {
-            Self::Malformed => "malformed",
-            Self::Unknown => "unknown",
-            Self::Foreign => "foreign",
-            Self::NotFound => "not-found",
-            Self::Method => "method",
-            Self::NotAcceptable => "not-acceptable",
-            Self::Slow => "slow",
-            Self::TooLarge => "too-large",
-            Self::Unsupported => "unsupported",
-            Self::Unusable => "unusable",
-            Self::Full => "full",
-            Self::Failed => "failed",
-            Self::Late => "late",
-            Self::Gone => "gone",
+            Self::Malformed => ("malformed", StatusCode::BAD_REQUEST),
+            Self::Unknown => ("unknown", StatusCode::UNAUTHORIZED),
+            Self::Foreign => ("foreign", StatusCode::FORBIDDEN),
+            Self::NotFound => ("not-found", StatusCode::NOT_FOUND),
+            Self::Method => ("method", StatusCode::METHOD_NOT_ALLOWED),
+            Self::NotAcceptable => ("not-acceptable", StatusCode::NOT_ACCEPTABLE),
+            Self::Slow => ("slow", StatusCode::REQUEST_TIMEOUT),
+            Self::TooLarge => ("too-large", StatusCode::PAYLOAD_TOO_LARGE),
+            Self::Unsupported => ("unsupported", StatusCode::UNSUPPORTED_MEDIA_TYPE),
+            Self::Unusable => ("unusable", StatusCode::UNPROCESSABLE_ENTITY),
+            Self::Full => ("full", StatusCode::TOO_MANY_REQUESTS),
+            Self::Failed => ("failed", StatusCode::INTERNAL_SERVER_ERROR),
+            Self::Late => ("late", StatusCode::SERVICE_UNAVAILABLE),
+            Self::Gone => ("gone", StatusCode::SERVICE_UNAVAILABLE),
         }
     }
 
+    pub(crate) fn name(self) -> &'static str {
+        self.name_and_status().0
+    }
+
     pub(crate) fn status(self) -> StatusCode {
-        match self {
-            Self::Malformed => StatusCode::BAD_REQUEST,
-            Self::Unknown => StatusCode::UNAUTHORIZED,
-            Self::Foreign => StatusCode::FORBIDDEN,
-            Self::NotFound => StatusCode::NOT_FOUND,
-            Self::Method => StatusCode::METHOD_NOT_ALLOWED,
-            Self::NotAcceptable => StatusCode::NOT_ACCEPTABLE,
-            Self::Slow => StatusCode::REQUEST_TIMEOUT,
-            Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
-            Self::Unsupported => StatusCode::UNSUPPORTED_MEDIA_TYPE,
-            Self::Unusable => StatusCode::UNPROCESSABLE_ENTITY,
-            Self::Full => StatusCode::TOO_MANY_REQUESTS,
-            Self::Failed => StatusCode::INTERNAL_SERVER_ERROR,
-            Self::Late | Self::Gone => StatusCode::SERVICE_UNAVAILABLE,
-        }
+        self.name_and_status().1
     }
 }
 
@@ -82,7 +72,7 @@ impl Kind {
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{message}")]
 pub(crate) struct Fault {
-    pub(crate) kind: Kind,
+    pub(crate) kind: FaultKind,
     pub(crate) message: String,
     pub(crate) hint: Option<String>,
     /// When to ask again.
@@ -90,7 +80,7 @@ pub(crate) struct Fault {
 }
 
 impl Fault {
-    pub(crate) fn new(kind: Kind, message: impl Into<String>) -> Self {
+    pub(crate) fn new(kind: FaultKind, message: impl Into<String>) -> Self {
         Self {
             kind,
             message: message.into(),
@@ -100,20 +90,23 @@ impl Fault {
     }
 
     pub(crate) fn malformed(message: impl Into<String>) -> Self {
-        Self::new(Kind::Malformed, message)
+        Self::new(FaultKind::Malformed, message)
     }
 
     pub(crate) fn too_large(message: impl Into<String>) -> Self {
-        Self::new(Kind::TooLarge, message)
+        Self::new(FaultKind::TooLarge, message)
     }
 
     pub(crate) fn unusable(message: impl Into<String>) -> Self {
-        Self::new(Kind::Unusable, message)
+        Self::new(FaultKind::Unusable, message)
     }
 
     /// What went wrong is no business of the client; the log has the request.
     pub(crate) fn failed() -> Self {
-        Self::new(Kind::Failed, "the service failed; this is an error in it")
+        Self::new(
+            FaultKind::Failed,
+            "the service failed; this is an error in it",
+        )
     }
 
     pub(crate) fn hint(self, hint: impl Into<String>) -> Self {
@@ -134,9 +127,9 @@ impl Fault {
 impl From<lsdc_files::error::Error> for Fault {
     fn from(error: lsdc_files::error::Error) -> Self {
         let kind = match error.cause() {
-            Cause::TooLarge => Kind::TooLarge,
-            Cause::Format | Cause::Shape | Cause::Config | Cause::Fit => Kind::Unusable,
-            _ => Kind::Failed,
+            Cause::TooLarge => FaultKind::TooLarge,
+            Cause::Format | Cause::Shape | Cause::Config | Cause::Fit => FaultKind::Unusable,
+            _ => FaultKind::Failed,
         };
         Self {
             hint: error.advice().map(str::to_owned),
@@ -167,9 +160,9 @@ mod tests {
     #[test]
     fn what_the_client_sent_is_no_failure_of_the_service() {
         let error = lsdc_core::Image::new(0, 3, lsdc_core::Channels::Rgb, &[]).unwrap_err();
-        assert_eq!(Fault::from(error).kind, Kind::Unusable);
+        assert_eq!(Fault::from(error).kind, FaultKind::Unusable);
         let path = std::path::Path::new("image");
         let error = lsdc_files::error::Error::read(path, std::io::ErrorKind::NotFound.into());
-        assert_eq!(Fault::from(error).kind, Kind::Failed);
+        assert_eq!(Fault::from(error).kind, FaultKind::Failed);
     }
 }

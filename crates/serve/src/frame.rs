@@ -1,31 +1,31 @@
 //! What is in an upload: an image with its camera, and points.
 
 use crate::config::Limits;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
 use crate::options::Options;
 use crate::points::{self, too_many};
 use crate::upload::Upload;
 use image::RgbImage;
 use lsdc_core::{Channels, Image, Observation, Observations};
-use lsdc_files::doubts::implausible_unit;
+use lsdc_files::checks::implausible_unit;
 use lsdc_files::{
-    Camera, Orientation, Sparse, Unit, Upright, has_ending, image_size, read_upright,
+    Camera, Orientation, Sparse, Unit, UprightImage, has_ending, image_size, read_upright,
     reading_at_most,
 };
 use std::path::Path;
 
-/// An image and what belongs to it.
-pub(crate) struct Frame {
+/// The image of a request and what belongs to it.
+pub(crate) struct InputFrame {
     /// Upright.
     pub(crate) rgb: RgbImage,
     pub(crate) orientation: Orientation,
     /// Of the image as it is shown.
     pub(crate) camera: Option<Camera>,
-    /// What was assumed of them.
+    /// What was assumed about image and camera.
     pub(crate) remarks: Vec<String>,
 }
 
-impl Frame {
+impl InputFrame {
     /// Reads the parts `image` and `camera`.
     ///
     /// # Errors
@@ -38,18 +38,18 @@ impl Frame {
             let what = format!("{width}x{height} pixels are more than the {most} that are taken");
             return Err(Fault::too_large(what).hint("send a smaller image"));
         }
-        let Upright {
+        let UprightImage {
             rgb,
             orientation,
-            doubts,
+            warnings,
         } = reading_at_most(limits.unfolded, || read_upright(path))?;
-        let mut remarks: Vec<String> = doubts.iter().map(ToString::to_string).collect();
+        let mut remarks: Vec<String> = warnings.iter().map(ToString::to_string).collect();
         let camera = match upload.get("camera") {
             None => None,
             Some(path) => {
                 let (camera, remark) = camera(path)?.for_image(&orientation)?;
                 remarks.extend(remark);
-                remarks.extend(camera.doubts());
+                remarks.extend(camera.warnings());
                 Some(camera)
             }
         };
@@ -59,7 +59,7 @@ impl Frame {
             camera,
             remarks: remarks
                 .iter()
-                .map(|remark| upload.in_words(remark))
+                .map(|remark| upload.rename_files(remark))
                 .collect(),
         })
     }
@@ -88,7 +88,7 @@ impl Frame {
         let path = upload.need("points")?;
         if is_list(path) {
             let json = std::fs::read(path).map_err(|_| Fault::failed())?;
-            return self.listed(points::parse(&json, limits.points)?, options);
+            return self.listed_points(points::parse(&json, limits.points)?, options);
         }
         if is_cloud(path) && self.camera.is_none() {
             let what = "points in space need the part `camera`, to be projected into the image";
@@ -109,7 +109,7 @@ impl Frame {
         }
         points.points = with_sigma(points.points, options)?;
         for remark in &mut points.remarks {
-            *remark = upload.in_words(remark);
+            *remark = upload.rename_files(remark);
         }
         if options.noise()?.is_some() && (points.guessed || points.unit == Unit::MODEL) {
             let what = format!(
@@ -121,11 +121,15 @@ impl Frame {
         Ok(points)
     }
 
-    /// Points of a list, which are taken as they are.
+    /// The points of a list in metres, as they are.
     ///
     /// # Errors
     /// Options that were not checked.
-    pub(crate) fn listed(&self, points: Observations, options: &Options) -> Result<Sparse, Fault> {
+    pub(crate) fn listed_points(
+        &self,
+        points: Observations,
+        options: &Options,
+    ) -> Result<Sparse, Fault> {
         let depths = points.iter().map(|point| point.depth);
         let depths = depths.filter(|depth| depth.is_finite() && *depth > 0.0);
         let implausible = implausible_unit(Unit::METRE, depths.collect());
@@ -142,10 +146,10 @@ impl Frame {
     }
 }
 
-/// Refuses points of a kind that is not read.
+/// Checks that the part `points` is of a kind that is read.
 ///
 /// # Errors
-/// They are.
+/// It is missing, or of another kind.
 pub(crate) fn check_points(upload: &Upload) -> Result<(), Fault> {
     let path = upload.need("points")?;
     if is_list(path) || Sparse::endings().any(|ending| has_ending(path, ending)) {
@@ -153,7 +157,7 @@ pub(crate) fn check_points(upload: &Upload) -> Result<(), Fault> {
     }
     let known: Vec<&str> = Sparse::endings().collect();
     let what = "the part `points` is of no kind that is known by the ending of its file";
-    Err(Fault::new(Kind::Unsupported, what).hint(format!("send json, {}", known.join(", "))))
+    Err(Fault::new(FaultKind::Unsupported, what).hint(format!("send json, {}", known.join(", "))))
 }
 
 /// Whether points are JSON: by their file's ending, or as they are no file.
@@ -181,23 +185,16 @@ fn with_sigma(points: Observations, options: &Options) -> Result<Observations, F
     Ok(points.iter().map(with).collect())
 }
 
-/// A camera from its file, or four numbers. (A name of another file would be read by `Camera::from_str`.)
+/// A camera from its file, or four numbers. (`Camera::from_str` would read any file that the text names.)
 fn camera(path: &Path) -> Result<Camera, Fault> {
     if path.extension().is_some() {
         return Ok(Camera::read(path)?);
     }
     let text = std::fs::read_to_string(path)
         .map_err(|_| Fault::malformed("the part `camera` is no text"))?;
-    let numbers: Vec<Option<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
-    if let [Some(fx), Some(fy), Some(cx), Some(cy)] = numbers[..] {
-        let sound = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite());
-        return if sound {
-            Ok(Camera::pinhole([fx, fy], [cx, cy]))
-        } else {
-            Err(Fault::unusable(
-                "a camera has positive focal lengths and finite numbers",
-            ))
-        };
+    if let Some(camera) = Camera::of_numbers(&text) {
+        let what = "a camera has positive focal lengths and finite numbers";
+        return camera.map_err(|_| Fault::unusable(what));
     }
     let ending = if text.trim_start().starts_with('{') {
         "json"

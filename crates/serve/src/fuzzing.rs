@@ -2,8 +2,8 @@
 
 use crate::body::Incoming;
 use crate::config::Limits;
-use crate::forms::Form;
-use crate::frame::{Frame, check_points};
+use crate::frame::{InputFrame, check_points};
+use crate::media_type::MediaType;
 use crate::options::Options;
 use crate::points;
 use crate::upload::Upload;
@@ -20,7 +20,7 @@ fn limits() -> Limits {
     }
 }
 
-/// Reads a form as `/v1/complete` does, up to the computation. Says whether all of it could be read.
+/// Reads a form as `/v1/complete` does, up to the computation. Returns whether all of it could be read.
 pub fn form(content_type: &str, bytes: &[u8]) -> bool {
     let limits = limits();
     let runtime = tokio::runtime::Builder::new_current_thread()
@@ -33,13 +33,9 @@ pub fn form(content_type: &str, bytes: &[u8]) -> bool {
     let known = ["image", "points", "camera", "options"];
     let mut read = || {
         let upload = runtime.block_on(Upload::read(content_type, &mut body, &known))?;
-        let options = upload
-            .get("options")
-            .and_then(|path| std::fs::read(path).ok());
-        let options =
-            options.map_or_else(|| Ok(Options::default()), |json| Options::parse(&json))?;
+        let options = Options::read(&upload)?;
         check_points(&upload)?;
-        Frame::read(&upload, &limits)?.points(&upload, &options, &limits)
+        InputFrame::read(&upload, &limits)?.points(&upload, &options, &limits)
     };
     read().is_ok()
 }
@@ -49,10 +45,10 @@ pub fn text(bytes: &[u8]) {
     let _ = points::parse(bytes, 1000);
     let _ = points::parse_with_options(bytes, 1000);
     let _ = Options::parse(bytes);
-    let _ = Form::accepted(std::str::from_utf8(bytes).ok());
+    let _ = MediaType::accepted(std::str::from_utf8(bytes).ok());
 }
 
 /// The bytes that are counted for a scene of an image of this size.
 pub fn scene_bytes(width: usize, height: usize) -> u64 {
-    crate::scenes::bytes(width, height)
+    crate::scene_cache::bytes(width, height)
 }

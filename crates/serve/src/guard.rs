@@ -1,7 +1,8 @@
 //! Who may ask: a token, and no page of another web site.
 
 use crate::config::Config;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
+use crate::header_text;
 use axum::http::{HeaderMap, Method, Uri, Version, header};
 use std::net::SocketAddr;
 use subtle::ConstantTimeEq as _;
@@ -76,23 +77,23 @@ impl Guard {
             Some(_) => "open the link that `lsdc view` has printed",
             None => "send `Authorization: Bearer TOKEN`",
         };
-        Err(Fault::new(Kind::Unknown, "the token is missing or wrong").hint(hint))
+        Err(Fault::new(FaultKind::Unknown, "the token is missing or wrong").hint(hint))
     }
 
     fn check_site(&self, headers: &HeaderMap) -> Result<(), Fault> {
-        let text = |name| -> Option<&str> { headers.get(name)?.to_str().ok() };
-        let host = text(header::HOST).unwrap_or_default();
+        let host = header_text(headers, header::HOST).unwrap_or_default();
         if self.local && !is_local(host) {
             let what = "the service is asked by a name that is none of this machine";
-            return Err(Fault::new(Kind::Foreign, what).hint("ask 127.0.0.1 or localhost"));
+            return Err(Fault::new(FaultKind::Foreign, what).hint("ask 127.0.0.1 or localhost"));
         }
         let own = |origin: &str| {
             let authority = origin.split_once("://").map(|(_, authority)| authority);
             authority.is_some_and(|authority| authority.eq_ignore_ascii_case(host))
         };
-        if headers.contains_key(header::ORIGIN) && !text(header::ORIGIN).is_some_and(own) {
+        let origin = header_text(headers, header::ORIGIN);
+        if headers.contains_key(header::ORIGIN) && !origin.is_some_and(own) {
             let what = "a page of another web site may not ask";
-            return Err(Fault::new(Kind::Foreign, what)
+            return Err(Fault::new(FaultKind::Foreign, what)
                 .hint("give the service a token, and send it from there"));
         }
         Ok(())
@@ -140,7 +141,7 @@ fn in_link(uri: &Uri) -> Option<&str> {
 }
 
 fn bearer(headers: &HeaderMap) -> Option<&str> {
-    let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
+    let value = header_text(headers, header::AUTHORIZATION)?;
     let (scheme, token) = value.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
@@ -164,7 +165,7 @@ mod tests {
         }
     }
 
-    fn check(guard: &Guard, uri: &str, headers: &[(&str, &str)]) -> Result<Verdict, Kind> {
+    fn check(guard: &Guard, uri: &str, headers: &[(&str, &str)]) -> Result<Verdict, FaultKind> {
         let headers = headers
             .iter()
             .map(|(name, value)| (name.parse().unwrap(), value.parse().unwrap()));
@@ -197,7 +198,7 @@ mod tests {
             "10.0.0.7",
         ] {
             let found = check(&plain, "/v1/x", &[("host", host)]);
-            assert_eq!(found, Err(Kind::Foreign), "{host}");
+            assert_eq!(found, Err(FaultKind::Foreign), "{host}");
         }
         let from = |origin| [("host", "localhost:7000"), ("origin", origin)];
         assert_eq!(
@@ -206,7 +207,7 @@ mod tests {
         );
         for origin in ["http://localhost:7001", "https://evil.example", "null", ""] {
             let found = check(&plain, "/v1/x", &from(origin));
-            assert_eq!(found, Err(Kind::Foreign), "{origin}");
+            assert_eq!(found, Err(FaultKind::Foreign), "{origin}");
         }
         // With a token that the client itself sends, it does not matter where from.
         let token = guard(Some("secret"), false, true);
@@ -232,7 +233,7 @@ mod tests {
         ] {
             assert_eq!(
                 check(&page, "/v1/x", &[own, wrong]),
-                Err(Kind::Unknown),
+                Err(FaultKind::Unknown),
                 "{wrong:?}"
             );
         }
@@ -241,14 +242,20 @@ mod tests {
             panic!("{entered:?}");
         };
         assert!(cookie.starts_with("lsdc-7000=secret; ") && cookie.contains("SameSite=Strict"));
-        assert_eq!(check(&page, "/?token=wrong", &[own]), Err(Kind::Unknown));
+        assert_eq!(
+            check(&page, "/?token=wrong", &[own]),
+            Err(FaultKind::Unknown)
+        );
         assert_eq!(
             check(&page, "/app.js?token=secret", &[own]),
-            Err(Kind::Unknown)
+            Err(FaultKind::Unknown)
         );
         // Without a page there are no links.
         let token = guard(Some("secret"), false, true);
-        assert_eq!(check(&token, "/?token=secret", &[own]), Err(Kind::Unknown));
+        assert_eq!(
+            check(&token, "/?token=secret", &[own]),
+            Err(FaultKind::Unknown)
+        );
         assert_eq!(check(&token, "/healthz", &[]), Ok(Verdict::Pass));
     }
     #[test]
@@ -280,7 +287,7 @@ mod tests {
         ] {
             assert_eq!(
                 found(uri, hosts, new),
-                Err(Kind::Malformed),
+                Err(FaultKind::Malformed),
                 "{uri} {hosts:?}"
             );
         }
@@ -294,7 +301,7 @@ mod tests {
         );
         assert_eq!(
             local.check(head, &HeaderMap::new()).unwrap_err().kind,
-            Kind::Foreign
+            FaultKind::Foreign
         );
     }
 }

@@ -1,12 +1,13 @@
 //! Connections that wait for a request: where there are too many, the one that has waited longest makes room.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify;
 
 /// The connections of a service that wait for a complete head of a request.
 #[derive(Default)]
-pub(crate) struct Idle(Mutex<State>);
+pub(crate) struct IdleConnections(Mutex<State>);
 
 #[derive(Default)]
 struct State {
@@ -17,7 +18,7 @@ struct State {
     needed: bool,
 }
 
-impl Idle {
+impl IdleConnections {
     fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -55,18 +56,18 @@ impl Idle {
 
 /// A connection, which waits for a request except while it is [busy](Self::busy).
 pub(crate) struct Client {
-    idle: Arc<Idle>,
+    idle: Arc<IdleConnections>,
     close: Arc<Notify>,
-    number: Mutex<u64>,
+    number: AtomicU64,
 }
 
 /// A request that is being answered. Its connection waits for the next when this is dropped.
 pub(crate) struct Busy(Arc<Client>);
 
 impl Client {
-    pub(crate) fn new(idle: &Arc<Idle>) -> Arc<Self> {
+    pub(crate) fn new(idle: &Arc<IdleConnections>) -> Arc<Self> {
         let (idle, close) = (idle.clone(), Arc::new(Notify::new()));
-        let number = Mutex::new(idle.enter(&close));
+        let number = AtomicU64::new(idle.enter(&close));
         Arc::new(Self {
             idle,
             close,
@@ -81,24 +82,21 @@ impl Client {
 
     /// A request has come.
     pub(crate) fn busy(self: &Arc<Self>) -> Busy {
-        self.idle.leave(*self.number());
+        self.idle.leave(self.number.load(Ordering::Relaxed));
         Busy(self.clone())
-    }
-
-    fn number(&self) -> MutexGuard<'_, u64> {
-        self.number.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Drop for Client {
     fn drop(&mut self) {
-        self.idle.leave(*self.number());
+        self.idle.leave(self.number.load(Ordering::Relaxed));
     }
 }
 
 impl Drop for Busy {
     fn drop(&mut self) {
-        *self.0.number() = self.0.idle.enter(&self.0.close);
+        let number = self.0.idle.enter(&self.0.close);
+        self.0.number.store(number, Ordering::Relaxed);
     }
 }
 
@@ -113,7 +111,7 @@ mod tests {
 
     #[test]
     fn the_one_that_waits_longest_makes_room() {
-        let idle = Arc::new(Idle::default());
+        let idle = Arc::new(IdleConnections::default());
         let clients = [(); 4].map(|()| Client::new(&idle));
         // The first has asked, and waits again; the second is being answered; the third has gone.
         drop(clients[0].busy());

@@ -3,10 +3,11 @@
 //! The length N of the header as a little-endian u32; the header, padded with blanks so that 4 + N is a multiple of 4;
 //! the maps, little-endian and row by row, at offsets from the end of the header.
 
-use crate::complete::Completed;
-use crate::report::Report;
+use crate::complete::CompletionResult;
+use crate::report::JsonReport;
 use lsdc_core::{DepthMap, Observation};
 use serde::Serialize;
+use std::collections::HashMap;
 
 /// More points than this are not listed one by one.
 const LISTED: usize = 20_000;
@@ -15,15 +16,15 @@ const LISTED: usize = 20_000;
 struct Header<'a> {
     width: usize,
     height: usize,
-    layers: Vec<Layer>,
+    layers: Vec<LayerEntry>,
     points: Vec<Point>,
     /// Whether the points are listed; not if there are very many.
     points_listed: bool,
-    report: &'a Report,
+    report: &'a JsonReport,
 }
 
 #[derive(Serialize)]
-struct Layer {
+struct LayerEntry {
     name: &'static str,
     offset: usize,
     /// In bytes.
@@ -44,35 +45,31 @@ struct Point {
     leave_one_out: Option<f64>,
     /// Of the map at the point.
     standard_deviation: Option<f32>,
-    outlier: Judged,
+    outlier: OutlierTest,
 }
 
-/// What the others say of a point.
+/// The result of the outlier test for a point.
 #[derive(Serialize)]
 #[serde(untagged)]
-enum Judged {
-    NotAsked,
-    /// Probably right: `false`.
-    Right(bool),
-    /// The probability that it is wrong.
-    Wrong(f64),
+enum OutlierTest {
+    NotRun,
+    /// Always `false`.
+    Inlier(bool),
+    /// The probability that it is an outlier.
+    Outlier(f64),
 }
 
 /// The bytes of an answer.
-pub(crate) fn encode(found: &Completed, report: &Report) -> Vec<u8> {
+pub(crate) fn encode(found: &CompletionResult, report: &JsonReport) -> Vec<u8> {
     let scene = found.completion.scene();
-    let maps = [
-        ("depth", found.depth.as_ref()),
-        ("standard_deviation", found.deviations.as_ref()),
-    ];
-    let maps = maps
-        .into_iter()
-        .filter_map(|(name, map)| Some((name, map?)));
+    let depth = found.depth.iter().map(|map| ("depth", map));
+    let deviations = found.deviations.iter();
+    let deviations = deviations.map(|map| ("standard_deviation", map));
     let (mut layers, mut values) = (Vec::new(), Vec::new());
-    for (name, map) in maps {
+    for (name, map) in depth.chain(deviations) {
         let offset = values.len();
         values.extend(map.values().iter().copied().flat_map(f32::to_le_bytes));
-        layers.push(Layer {
+        layers.push(LayerEntry {
             name,
             offset,
             length: values.len() - offset,
@@ -97,40 +94,34 @@ pub(crate) fn encode(found: &Completed, report: &Report) -> Vec<u8> {
     bytes
 }
 
-fn points(found: &Completed) -> Vec<Point> {
-    let given = found.points.points.as_slice();
-    let residuals = found.completion.residuals();
-    // Leverages take a while: only where points are judged at all.
-    let others = found
-        .outliers
-        .as_ref()
-        .map(|_| found.completion.leave_one_out());
-    let mut outlier: Vec<Judged> = given
-        .iter()
-        .map(|_| match found.outliers {
-            Some(_) => Judged::Right(false),
-            None => Judged::NotAsked,
-        })
-        .collect();
-    for wrong in found.outliers.iter().flatten() {
-        if let Some(judged) = outlier.get_mut(wrong.index) {
-            *judged = Judged::Wrong(wrong.probability);
-        }
-    }
-    let rows = given.iter().zip(residuals).zip(outlier).enumerate();
-    let used = rows.filter(|(_, ((_, residual), _))| residual.is_finite());
-    let point = |(index, ((point, residual), outlier)): (usize, ((&Observation, f64), Judged))| {
-        let others = others.as_ref().and_then(|others| others.get(index));
-        Point {
-            index,
-            u: point.u,
-            v: point.v,
-            depth: point.depth,
-            residual,
-            leave_one_out: others.copied().filter(|error| error.is_finite()),
-            standard_deviation: found.deviations.as_ref().and_then(|map| at(map, point)),
-            outlier,
-        }
+fn points(found: &CompletionResult) -> Vec<Point> {
+    // Leverages take a while: only with the outlier test.
+    let tested = found.outliers.as_ref().map(|outliers| {
+        let outliers = outliers.iter();
+        let outliers = outliers.map(|outlier| (outlier.index, outlier.probability));
+        let outliers: HashMap<usize, f64> = outliers.collect();
+        (found.completion.leave_one_out(), outliers)
+    });
+    let given = found.points.points.iter();
+    let rows = given.zip(found.completion.residuals()).enumerate();
+    let used = rows.filter(|(_, (_, residual))| residual.is_finite());
+    let point = |(index, (point, residual)): (usize, (&Observation, f64))| Point {
+        index,
+        u: point.u,
+        v: point.v,
+        depth: point.depth,
+        residual,
+        leave_one_out: tested
+            .as_ref()
+            .and_then(|(errors, _)| errors.get(index).copied())
+            .filter(|error| error.is_finite()),
+        standard_deviation: found.deviations.as_ref().and_then(|map| at(map, point)),
+        outlier: match &tested {
+            None => OutlierTest::NotRun,
+            Some((_, outliers)) => outliers
+                .get(&index)
+                .map_or(OutlierTest::Inlier(false), |p| OutlierTest::Outlier(*p)),
+        },
     };
     used.map(point).collect()
 }

@@ -1,7 +1,7 @@
 //! Depth completion as a service over HTTP, and the page that shows it.
 //!
-//! Images and points come as forms, answers as JSON, PNG, EXR, npz or PLY; an image that is posted once as a scene is
-//! completed again and again while the network does not run. Everything that a request can cost is [bounded](Limits),
+//! Images and points come as forms, answers as JSON, PNG, EXR, npz or PLY. An image that is posted as a scene passes the
+//! network once, whatever the number of its completions. Everything that a request can cost is [bounded](Limits),
 //! computations run on threads of their own, and a request that panics is answered like any other failure. The
 //! description of all addresses is at `/openapi.json`.
 //!
@@ -25,39 +25,45 @@ mod api;
 mod app;
 mod body;
 mod complete;
+mod computation;
 mod config;
 mod encode;
 mod error;
 mod fault;
-mod forms;
 mod frame;
 #[doc(hidden)]
 pub mod fuzzing;
 mod guard;
 mod idle;
 mod layers;
+mod media_type;
 mod metrics;
 mod observe;
 mod options;
 mod pace;
 mod page;
-mod part;
 mod points;
 mod receive;
 mod report;
 mod routes;
-mod scenes;
+mod scene_cache;
 mod server;
 mod spool;
-mod task;
 mod tls;
 mod upload;
 mod worker_pool;
 
-pub use config::{Access, Config, Entry, Limits, Log, Tls, Trace};
+use axum::http::{HeaderMap, HeaderName};
+
+pub use config::{Access, Config, Limits, Log, LogEntry, Tls, Trace};
 pub use error::Error;
 pub use page::{Asset, Demo, Page, Start};
 pub use server::{Handle, Server};
+
+/// The value of a header, if it is text.
+fn header_text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+    headers.get(name)?.to_str().ok()
+}
 
 /// A name that cannot be guessed: 128 random bits in hexadecimal; none if the system has no random numbers.
 fn random_name() -> Option<String> {

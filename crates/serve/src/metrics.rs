@@ -1,28 +1,54 @@
 //! Counts and times, in the text format of Prometheus (version 0.0.4).
 
-use crate::fault::Kind;
-use crate::part::Part;
+use crate::computation::Stage;
+use crate::fault::FaultKind;
 use std::collections::BTreeMap;
 use std::fmt::{Display, Write as _};
-use std::sync::atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Upper ends of the bins of request times, in seconds.
 const BINS: [f64; 10] = [0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0];
 
+/// The metrics without labels, in the order of [`SCALARS`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Scalar {
+    Panics,
+    Waiting,
+    Working,
+    QueueSlots,
+    Connections,
+    ClosedIdle,
+    Scenes,
+    SceneBytes,
+}
+
+/// Name, type and description of each.
+const SCALARS: [(&str, &str, &str); 8] = [
+    ("panics_total", "counter", "Panics, all caught."),
+    ("queue", "gauge", "Computations that wait."),
+    ("working", "gauge", "Computations that run."),
+    (
+        "places",
+        "gauge",
+        "Requests from the head to the end of the answer, of those that compute.",
+    ),
+    ("connections", "gauge", "Open connections."),
+    (
+        "closed_idle_total",
+        "counter",
+        "Connections without a request that were closed to make room.",
+    ),
+    ("scenes", "gauge", "Scenes that are kept."),
+    ("scene_bytes", "gauge", "Their size, about."),
+];
+
 /// What a service counts.
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
     counts: Mutex<Counts>,
-    waiting: AtomicUsize,
-    working: AtomicI64,
-    places: AtomicI64,
-    connections: AtomicI64,
-    closed: AtomicU64,
-    panics: AtomicU64,
-    scenes: AtomicUsize,
-    scene_bytes: AtomicU64,
+    scalars: [AtomicI64; SCALARS.len()],
 }
 
 #[derive(Debug, Default)]
@@ -31,8 +57,8 @@ struct Counts {
     requests: BTreeMap<(String, String, u16), u64>,
     /// Counts of the bins and of all, and the sum of seconds.
     times: ([u64; BINS.len()], u64, f64),
-    rejected: BTreeMap<Kind, u64>,
-    parts: BTreeMap<Part, (u64, f64)>,
+    rejected: BTreeMap<FaultKind, u64>,
+    stages: BTreeMap<Stage, (u64, f64)>,
 }
 
 impl Metrics {
@@ -46,7 +72,7 @@ impl Metrics {
         (method, route): (&str, &str),
         status: u16,
         time: Duration,
-        fault: Option<Kind>,
+        fault: Option<FaultKind>,
     ) {
         let mut counts = self.counts();
         let key = (method.to_owned(), route.to_owned(), status);
@@ -64,50 +90,38 @@ impl Metrics {
 
     /// The client went before the answer.
     pub(crate) fn add_gone(&self) {
-        *self.counts().rejected.entry(Kind::Gone).or_default() += 1;
+        *self.counts().rejected.entry(FaultKind::Gone).or_default() += 1;
     }
 
-    pub(crate) fn add_part(&self, part: Part, time: Duration) {
+    pub(crate) fn add_stage(&self, stage: Stage, time: Duration) {
         let mut counts = self.counts();
-        let (count, seconds) = counts.parts.entry(part).or_default();
+        let (count, seconds) = counts.stages.entry(stage).or_default();
         *count += 1;
         *seconds += time.as_secs_f64();
     }
 
-    pub(crate) fn set_waiting(&self, count: usize) {
-        self.waiting.store(count, Ordering::Relaxed);
+    pub(crate) fn add(&self, scalar: Scalar, change: i64) {
+        self.scalars[scalar as usize].fetch_add(change, Ordering::Relaxed);
     }
 
-    pub(crate) fn add_working(&self, change: i64) {
-        self.working.fetch_add(change, Ordering::Relaxed);
+    /// Adds 1 until the guard is dropped.
+    pub(crate) fn counted(self: &Arc<Self>, scalar: Scalar) -> Counted {
+        self.add(scalar, 1);
+        Counted(self.clone(), scalar)
     }
 
-    pub(crate) fn add_places(&self, change: i64) {
-        self.places.fetch_add(change, Ordering::Relaxed);
+    pub(crate) fn get(&self, scalar: Scalar) -> i64 {
+        self.scalars[scalar as usize].load(Ordering::Relaxed)
     }
 
-    /// A connection that waited for a request was closed to make room.
-    pub(crate) fn add_closed(&self) {
-        self.closed.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_connections(&self, change: i64) {
-        self.connections.fetch_add(change, Ordering::Relaxed);
-    }
-
-    pub(crate) fn panicked(&self) {
-        self.panics.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn set_scenes(&self, count: usize, bytes: u64) {
-        self.scenes.store(count, Ordering::Relaxed);
-        self.scene_bytes.store(bytes, Ordering::Relaxed);
+    pub(crate) fn set(&self, scalar: Scalar, value: i64) {
+        self.scalars[scalar as usize].store(value, Ordering::Relaxed);
     }
 
     /// All of it.
     pub(crate) fn text(&self) -> String {
         let counts = self.counts();
-        let mut page = Page(String::new());
+        let mut page = Exposition(String::new());
         page.family("requests_total", "counter", "Requests that were answered.");
         for ((method, route, status), count) in &counts.requests {
             page.line(
@@ -129,8 +143,8 @@ impl Metrics {
         page.line("request_seconds_sum", "", seconds);
         page.line("request_seconds_count", "", all);
         page.family("part_seconds", "summary", "Parts of the computations.");
-        for (part, (count, seconds)) in &counts.parts {
-            let label = format!("part=\"{}\"", part.name());
+        for (stage, (count, seconds)) in &counts.stages {
+            let label = format!("part=\"{}\"", stage.name());
             page.line("part_seconds_sum", &label, seconds);
             page.line("part_seconds_count", &label, count);
         }
@@ -140,32 +154,27 @@ impl Metrics {
             page.line("rejected_total", &label, count);
         }
         drop(counts);
-        let panics = self.panics.load(Ordering::Relaxed);
-        page.single("panics_total", "counter", "Panics, all caught.", panics);
-        let waiting = self.waiting.load(Ordering::Relaxed);
-        page.single("queue", "gauge", "Computations that wait.", waiting);
-        let working = self.working.load(Ordering::Relaxed);
-        page.single("working", "gauge", "Computations that run.", working);
-        let places = self.places.load(Ordering::Relaxed);
-        let what = "Requests from the head to the end of the answer, of those that compute.";
-        page.single("places", "gauge", what, places);
-        let open = self.connections.load(Ordering::Relaxed);
-        page.single("connections", "gauge", "Open connections.", open);
-        let closed = self.closed.load(Ordering::Relaxed);
-        let what = "Connections without a request that were closed to make room.";
-        page.single("closed_idle_total", "counter", what, closed);
-        let scenes = self.scenes.load(Ordering::Relaxed);
-        page.single("scenes", "gauge", "Scenes that are kept.", scenes);
-        let bytes = self.scene_bytes.load(Ordering::Relaxed);
-        page.single("scene_bytes", "gauge", "Their size, about.", bytes);
+        for ((name, kind, help), value) in SCALARS.into_iter().zip(&self.scalars) {
+            page.family(name, kind, help);
+            page.line(name, "", value.load(Ordering::Relaxed));
+        }
         page.0
     }
 }
 
-/// Text in the format of Prometheus. Writing to a string does not fail.
-struct Page(String);
+/// A guard that counts while it lives.
+pub(crate) struct Counted(Arc<Metrics>, Scalar);
 
-impl Page {
+impl Drop for Counted {
+    fn drop(&mut self) {
+        self.0.add(self.1, -1);
+    }
+}
+
+/// Text in the format of Prometheus. Writing to a string does not fail.
+struct Exposition(String);
+
+impl Exposition {
     fn family(&mut self, name: &str, kind: &str, help: &str) {
         let _ = writeln!(
             self.0,
@@ -179,11 +188,6 @@ impl Page {
         } else {
             writeln!(self.0, "lsdc_{name}{{{labels}}} {value}")
         };
-    }
-
-    fn single(&mut self, name: &str, kind: &str, help: &str, value: impl Display) {
-        self.family(name, kind, help);
-        self.line(name, "", value);
     }
 }
 

@@ -2,9 +2,11 @@
 
 use crate::answer;
 use crate::app::App;
-use crate::config::Entry;
-use crate::fault::{Fault, Kind};
+use crate::config::LogEntry;
+use crate::fault::{Fault, FaultKind};
 use crate::guard::Verdict;
+use crate::header_text;
+use crate::metrics::Scalar;
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Response, StatusCode, header};
@@ -30,7 +32,7 @@ pub(crate) async fn observe(
 ) -> Response<Body> {
     let name = name(request.headers());
     let route = request.extensions().get::<MatchedPath>();
-    let mut seen = ObservedRequest {
+    let mut observed = ObservedRequest {
         app: &app,
         started: Instant::now(),
         method: request.method().to_string(),
@@ -46,7 +48,7 @@ pub(crate) async fn observe(
         Ok(Verdict::Pass) => {
             let answered = AssertUnwindSafe(next.run(request)).catch_unwind().await;
             answered.unwrap_or_else(|_| {
-                app.metrics.panicked();
+                app.metrics.add(Scalar::Panics, 1);
                 fail(Fault::failed())
             })
         }
@@ -71,7 +73,7 @@ pub(crate) async fn observe(
     headers
         .entry(header::CACHE_CONTROL)
         .or_insert(HeaderValue::from_static("no-store"));
-    seen.end(response.status().as_u16(), kind);
+    observed.end(response.status().as_u16(), kind);
     response
 }
 
@@ -90,20 +92,19 @@ fn enter(cookie: &str) -> Response<Body> {
     response
 }
 
-/// Says what is wrong.
+/// Writes the fault as the body of the response.
 fn explain(response: &mut Response<Body>, fault: &Fault, name: &str) {
     let mut error = json!({ "message": fault.message, "request": name });
     if let Some(hint) = &fault.hint {
         error["hint"] = hint.as_str().into();
     }
-    let told = answer::json(fault.kind.status(), &json!({ "error": error }));
-    *response = told;
+    *response = answer::json(fault.kind.status(), &json!({ "error": error }));
     let headers = response.headers_mut();
     if let Some(after) = fault.retry {
         let seconds = HeaderValue::from(after.as_secs().max(1));
         headers.insert(header::RETRY_AFTER, seconds);
     }
-    if fault.kind == Kind::Unknown {
+    if fault.kind == FaultKind::Unknown {
         headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
     }
 }
@@ -111,7 +112,7 @@ fn explain(response: &mut Response<Body>, fault: &Fault, name: &str) {
 /// The name that the client gives its request, if it can stand in a log, or one of our own.
 fn name(headers: &HeaderMap) -> String {
     static COUNT: AtomicU64 = AtomicU64::new(0);
-    let given = headers.get(REQUEST).and_then(|value| value.to_str().ok());
+    let given = header_text(headers, REQUEST);
     let plain = |c: u8| c.is_ascii_alphanumeric() || b"-_.".contains(&c);
     let sound = |name: &&str| (1..=LONGEST).contains(&name.len()) && name.bytes().all(plain);
     given.filter(sound).map_or_else(
@@ -134,7 +135,7 @@ struct ObservedRequest<'a> {
 }
 
 impl ObservedRequest<'_> {
-    fn end(&mut self, status: u16, fault: Option<Kind>) {
+    fn end(&mut self, status: u16, fault: Option<FaultKind>) {
         self.ended = true;
         let time = self.started.elapsed();
         let what = (&*self.method, &*self.route);
@@ -142,19 +143,19 @@ impl ObservedRequest<'_> {
         self.log(status, time, fault);
     }
 
-    fn log(&self, status: u16, time: Duration, fault: Option<Kind>) {
+    fn log(&self, status: u16, time: Duration, fault: Option<FaultKind>) {
         let Some(log) = &self.app.config.log else {
             return;
         };
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-        log(&Entry {
+        log(&LogEntry {
             time: now.map_or(0.0, |now| now.as_secs_f64()),
             request: self.name.clone(),
             method: self.method.clone(),
             route: self.route.clone(),
             status,
             seconds: time.as_secs_f64(),
-            fault: fault.map(Kind::name),
+            fault: fault.map(FaultKind::name),
         });
     }
 }
@@ -165,7 +166,7 @@ impl Drop for ObservedRequest<'_> {
         const GONE: u16 = 499;
         if !self.ended {
             self.app.metrics.add_gone();
-            self.log(GONE, self.started.elapsed(), Some(Kind::Gone));
+            self.log(GONE, self.started.elapsed(), Some(FaultKind::Gone));
         }
     }
 }

@@ -1,21 +1,22 @@
-//! What a request asks of the fit and of the answer, by the names that `lsdc complete` uses.
+//! Options of a completion, by the names that `lsdc complete` uses.
 
 use crate::fault::Fault;
+use crate::upload::Upload;
 use lsdc_core::DepthNoise;
 use lsdc_core::fit::Changes;
 use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
-use lsdc_files::{CloudOptions, StoredAs};
+use lsdc_files::{CloudOptions, DepthReadOptions};
 use serde::Deserialize;
 
-/// What is made of a fit, beside the report.
+/// An output beside the report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Layer {
+pub(crate) enum OutputLayer {
     /// The dense depth.
     Depth,
     /// The standard deviation of every pixel.
     StandardDeviation,
-    /// Which points are probably wrong.
+    /// The points that are probably wrong.
     Outliers,
 }
 
@@ -33,13 +34,13 @@ pub(crate) struct Options {
     noise: Option<String>,
     depth_unit: Option<String>,
     depth_kind: Option<String>,
-    /// Metres: pixels that are less sure are left out of clouds.
+    /// Metres: pixels with a larger standard deviation are left out of clouds.
     pub(crate) max_sigma: Option<f32>,
     /// Metres: clouds have one point for each cube of this edge length.
     voxel: Option<f64>,
     /// Whether clouds keep the pixels between the surfaces at depth edges.
     keep_flying: bool,
-    layers: Option<Vec<Layer>>,
+    layers: Option<Vec<OutputLayer>>,
 }
 
 /// A robust loss, or none.
@@ -57,6 +58,18 @@ enum Plain {
 }
 
 impl Options {
+    /// Reads the part `options`, if there is one.
+    ///
+    /// # Errors
+    /// As for [`Self::parse`].
+    pub(crate) fn read(upload: &Upload) -> Result<Self, Fault> {
+        let Some(path) = upload.get("options") else {
+            return Ok(Self::default());
+        };
+        let json = std::fs::read(path).map_err(|_| Fault::failed())?;
+        Self::parse(&json)
+    }
+
     /// Reads options from JSON.
     ///
     /// # Errors
@@ -105,7 +118,7 @@ impl Options {
         }
     }
 
-    /// What takes the place of the settings of the weights.
+    /// What replaces settings of the weights.
     pub(crate) fn changes(&self) -> Changes {
         Changes {
             method: self.fit,
@@ -118,16 +131,16 @@ impl Options {
         }
     }
 
-    /// What the depths of a file are, as far as that is said.
-    pub(crate) fn stored_as(&self) -> Result<StoredAs, Fault> {
-        Ok(StoredAs {
+    /// The unit and kind of the depths of a file, as far as they are given.
+    pub(crate) fn stored_as(&self) -> Result<DepthReadOptions, Fault> {
+        Ok(DepthReadOptions {
             unit: self.depth_unit.as_deref().map(str::parse).transpose()?,
             kind: self.depth_kind.as_deref().map(str::parse).transpose()?,
         })
     }
 
-    /// Whether a layer is asked for; all are, where nothing is said.
-    pub(crate) fn wants(&self, layer: Layer) -> bool {
+    /// Whether the answer should have an output; all, by default.
+    pub(crate) fn wants(&self, layer: OutputLayer) -> bool {
         let layers = self.layers.as_ref();
         layers.is_none_or(|layers| layers.contains(&layer))
     }
@@ -136,7 +149,7 @@ impl Options {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::Kind;
+    use crate::fault::FaultKind;
 
     #[test]
     fn names_are_those_of_the_command_line() {
@@ -160,17 +173,17 @@ mod tests {
     #[test]
     fn what_is_not_known_or_out_of_range_is_refused() {
         for (json, kind) in [
-            ("{\"colour\": 1}", Kind::Malformed),
-            ("[1]", Kind::Malformed),
-            ("{\"sigma\": -1}", Kind::Unusable),
-            ("{\"max_sigma\": 0}", Kind::Unusable),
-            ("{\"voxel\": 0}", Kind::Unusable),
-            ("{\"keep_flying\": \"yes\"}", Kind::Malformed),
-            ("{\"depth_unit\": \"furlong\"}", Kind::Unusable),
-            ("{\"noise\": \"radar\"}", Kind::Unusable),
-            ("{\"noise\": \"tof\", \"sigma\": 0.1}", Kind::Unusable),
-            ("{\"depth_kind\": \"slant\"}", Kind::Unusable),
-            ("{\"layers\": [\"normals\"]}", Kind::Malformed),
+            ("{\"colour\": 1}", FaultKind::Malformed),
+            ("[1]", FaultKind::Malformed),
+            ("{\"sigma\": -1}", FaultKind::Unusable),
+            ("{\"max_sigma\": 0}", FaultKind::Unusable),
+            ("{\"voxel\": 0}", FaultKind::Unusable),
+            ("{\"keep_flying\": \"yes\"}", FaultKind::Malformed),
+            ("{\"depth_unit\": \"furlong\"}", FaultKind::Unusable),
+            ("{\"noise\": \"radar\"}", FaultKind::Unusable),
+            ("{\"noise\": \"tof\", \"sigma\": 0.1}", FaultKind::Unusable),
+            ("{\"depth_kind\": \"slant\"}", FaultKind::Unusable),
+            ("{\"layers\": [\"normals\"]}", FaultKind::Malformed),
         ] {
             assert_eq!(
                 Options::parse(json.as_bytes()).unwrap_err().kind,
@@ -179,7 +192,7 @@ mod tests {
             );
         }
         let options = Options::parse(b"{\"layers\": [\"depth\"]}").unwrap();
-        assert!(options.wants(Layer::Depth) && !options.wants(Layer::Outliers));
-        assert!(Options::default().wants(Layer::StandardDeviation));
+        assert!(options.wants(OutputLayer::Depth) && !options.wants(OutputLayer::Outliers));
+        assert!(Options::default().wants(OutputLayer::StandardDeviation));
     }
 }

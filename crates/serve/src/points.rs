@@ -11,10 +11,10 @@ use std::fmt::Formatter;
 /// Reads a list of points, in the order given.
 ///
 /// # Errors
-/// No JSON, or something else than points; more than `most` of them, of which no more are kept in memory.
-pub(crate) fn parse(json: &[u8], most: usize) -> Result<Observations, Fault> {
-    let limit = Limit::new(most);
-    let found = whole(json, List(&limit));
+/// No JSON, or something else than points; more than `max_points`, of which no more are kept in memory.
+pub(crate) fn parse(json: &[u8], max_points: usize) -> Result<Observations, Fault> {
+    let limit = Limit::new(max_points);
+    let found = deserialize_all(json, PointList(&limit));
     found.map_err(|error| {
         limit.fault(|| {
             Fault::malformed(format!("the points cannot be read: {error}"))
@@ -29,10 +29,10 @@ pub(crate) fn parse(json: &[u8], most: usize) -> Result<Observations, Fault> {
 /// As for [`parse`]; unknown or wrong options.
 pub(crate) fn parse_with_options(
     json: &[u8],
-    most: usize,
+    max_points: usize,
 ) -> Result<(Observations, Options), Fault> {
-    let limit = Limit::new(most);
-    let found = whole(json, Request(&limit));
+    let limit = Limit::new(max_points);
+    let found = deserialize_all(json, PointsAndOptions(&limit));
     let (points, options) = found.map_err(|error| {
         limit.fault(|| {
             Fault::malformed(format!("the request cannot be read: {error}"))
@@ -42,7 +42,10 @@ pub(crate) fn parse_with_options(
     Ok((points, options.checked()?))
 }
 
-fn whole<'de, S: DeserializeSeed<'de>>(json: &'de [u8], seed: S) -> serde_json::Result<S::Value> {
+fn deserialize_all<'de, S: DeserializeSeed<'de>>(
+    json: &'de [u8],
+    seed: S,
+) -> serde_json::Result<S::Value> {
     let mut deserializer = serde_json::Deserializer::from_slice(json);
     let found = seed.deserialize(&mut deserializer)?;
     deserializer.end()?;
@@ -51,28 +54,31 @@ fn whole<'de, S: DeserializeSeed<'de>>(json: &'de [u8], seed: S) -> serde_json::
 
 /// How many points are taken, and whether there were more.
 struct Limit {
-    most: usize,
+    max_points: usize,
     exceeded: Cell<bool>,
 }
 
 impl Limit {
-    fn new(most: usize) -> Self {
+    fn new(max_points: usize) -> Self {
         let exceeded = Cell::new(false);
-        Self { most, exceeded }
+        Self {
+            max_points,
+            exceeded,
+        }
     }
 
     fn fault(&self, otherwise: impl FnOnce() -> Fault) -> Fault {
         if self.exceeded.get() {
-            too_many(self.most)
+            too_many(self.max_points)
         } else {
             otherwise()
         }
     }
 }
 
-/// That there are more points than are taken.
-pub(crate) fn too_many(most: usize) -> Fault {
-    Fault::too_large(format!("there are more than {most} points")).hint("send a part of them")
+/// The fault of more points than are taken.
+pub(crate) fn too_many(max_points: usize) -> Fault {
+    Fault::too_large(format!("there are more than {max_points} points")).hint("send a part of them")
 }
 
 /// One point: three numbers, and a fourth that may be null.
@@ -105,9 +111,9 @@ impl<'de> Deserialize<'de> for Point {
 }
 
 /// A list of points, which is read no further than the limit.
-struct List<'a>(&'a Limit);
+struct PointList<'a>(&'a Limit);
 
-impl<'de> DeserializeSeed<'de> for List<'_> {
+impl<'de> DeserializeSeed<'de> for PointList<'_> {
     type Value = Observations;
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
@@ -115,7 +121,7 @@ impl<'de> DeserializeSeed<'de> for List<'_> {
     }
 }
 
-impl<'de> Visitor<'de> for List<'_> {
+impl<'de> Visitor<'de> for PointList<'_> {
     type Value = Observations;
 
     fn expecting(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
@@ -125,7 +131,7 @@ impl<'de> Visitor<'de> for List<'_> {
     fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
         let mut points = Observations::new();
         while let Some(Point(point)) = list.next_element()? {
-            if points.len() == self.0.most {
+            if points.len() == self.0.max_points {
                 self.0.exceeded.set(true);
                 return Err(A::Error::custom("too many points"));
             }
@@ -136,7 +142,7 @@ impl<'de> Visitor<'de> for List<'_> {
 }
 
 /// Points with options.
-struct Request<'a>(&'a Limit);
+struct PointsAndOptions<'a>(&'a Limit);
 
 #[derive(Deserialize)]
 #[serde(field_identifier, rename_all = "lowercase")]
@@ -145,7 +151,7 @@ enum Key {
     Options,
 }
 
-impl<'de> DeserializeSeed<'de> for Request<'_> {
+impl<'de> DeserializeSeed<'de> for PointsAndOptions<'_> {
     type Value = (Observations, Options);
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
@@ -153,7 +159,7 @@ impl<'de> DeserializeSeed<'de> for Request<'_> {
     }
 }
 
-impl<'de> Visitor<'de> for Request<'_> {
+impl<'de> Visitor<'de> for PointsAndOptions<'_> {
     type Value = (Observations, Options);
 
     fn expecting(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
@@ -165,7 +171,7 @@ impl<'de> Visitor<'de> for Request<'_> {
         while let Some(key) = map.next_key()? {
             match key {
                 Key::Points if points.is_none() => {
-                    points = Some(map.next_value_seed(List(self.0))?);
+                    points = Some(map.next_value_seed(PointList(self.0))?);
                 }
                 Key::Options if options.is_none() => options = Some(map.next_value()?),
                 Key::Points => return Err(A::Error::duplicate_field("points")),
@@ -180,7 +186,7 @@ impl<'de> Visitor<'de> for Request<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::Kind;
+    use crate::fault::FaultKind;
 
     #[test]
     fn a_fourth_number_is_a_standard_deviation() {
@@ -205,7 +211,7 @@ mod tests {
             "[[1,2,3]] x",
         ] {
             let fault = parse(json.as_bytes(), 9).unwrap_err();
-            assert_eq!(fault.kind, Kind::Malformed, "{json}");
+            assert_eq!(fault.kind, FaultKind::Malformed, "{json}");
         }
     }
 
@@ -213,10 +219,13 @@ mod tests {
     fn a_list_is_read_no_further_than_the_limit() {
         // What follows is no JSON, which nobody finds out.
         for json in ["[[1,2,3],[1,2,3]]", "[[1,2,3],[1,2,3] no JSON"] {
-            assert_eq!(parse(json.as_bytes(), 1).unwrap_err().kind, Kind::TooLarge);
+            assert_eq!(
+                parse(json.as_bytes(), 1).unwrap_err().kind,
+                FaultKind::TooLarge
+            );
             let request = format!("{{\"points\": {json}}}");
             let fault = parse_with_options(request.as_bytes(), 1).unwrap_err();
-            assert_eq!(fault.kind, Kind::TooLarge);
+            assert_eq!(fault.kind, FaultKind::TooLarge);
         }
         assert_eq!(parse(b"[[1,2,3],[1,2,3]]", 2).unwrap().len(), 2);
     }
@@ -229,17 +238,17 @@ mod tests {
         assert_eq!((points.len(), options.sigma), (1, Some(0.5)));
         assert_eq!(read(r#"{"points": []}"#).unwrap().1, Options::default());
         for (json, kind) in [
-            ("[]", Kind::Malformed),
-            ("{}", Kind::Malformed),
-            (r#"{"points": [], "points": []}"#, Kind::Malformed),
-            (r#"{"points": [], "colour": 1}"#, Kind::Malformed),
+            ("[]", FaultKind::Malformed),
+            ("{}", FaultKind::Malformed),
+            (r#"{"points": [], "points": []}"#, FaultKind::Malformed),
+            (r#"{"points": [], "colour": 1}"#, FaultKind::Malformed),
             (
                 r#"{"points": [], "options": {"colour": 1}}"#,
-                Kind::Malformed,
+                FaultKind::Malformed,
             ),
             (
                 r#"{"points": [], "options": {"sigma": -1}}"#,
-                Kind::Unusable,
+                FaultKind::Unusable,
             ),
         ] {
             assert_eq!(read(json).unwrap_err().kind, kind, "{json}");

@@ -1,9 +1,11 @@
-//! Requests until their computation: the head is checked, a place taken, then the body read.
+//! Requests until their computation: the head is checked, a slot of the queue taken, then the body read.
 
 use crate::app::App;
 use crate::body::Incoming;
-use crate::fault::{Fault, Kind};
-use crate::forms::Form;
+use crate::fault::{Fault, FaultKind};
+use crate::header_text;
+use crate::media_type::MediaType;
+use crate::metrics::Scalar;
 use crate::upload::Upload;
 use crate::worker_pool::QueueSlot;
 use axum::body::Body;
@@ -11,21 +13,21 @@ use axum::http::{HeaderMap, header};
 use std::sync::Arc;
 use tokio::runtime::Handle;
 
-/// A request with its place in the queue, whose body has not been read.
+/// A request with its slot of the queue, whose body has not been read.
 pub(crate) struct Request {
-    /// The form of its answer.
-    pub(crate) form: Form,
+    /// The media type of its answer.
+    pub(crate) media_type: MediaType,
     app: Arc<App>,
     content_type: String,
     body: Incoming,
-    place: QueueSlot,
+    slot: QueueSlot,
 }
 
 impl Request {
-    /// Checks the head, and takes a place.
+    /// Checks the head, and takes a slot.
     ///
     /// # Errors
-    /// No such form of answer; a body that is too large; no place. What is sent all the same is read and dropped.
+    /// No such media type; a body that is too large; no slot. What is sent all the same is read and dropped.
     pub(crate) async fn new(
         app: &Arc<App>,
         headers: &HeaderMap,
@@ -33,12 +35,14 @@ impl Request {
     ) -> Result<Self, Fault> {
         let mut body = Incoming::new(body, &app.config.limits);
         match checked(app, headers, &body) {
-            Ok((form, place)) => Ok(Self {
-                form,
+            Ok((media_type, slot)) => Ok(Self {
+                media_type,
                 app: app.clone(),
-                content_type: content_type(headers).to_owned(),
+                content_type: header_text(headers, header::CONTENT_TYPE)
+                    .unwrap_or_default()
+                    .to_owned(),
                 body,
-                place,
+                slot,
             }),
             Err(fault) => Err(refused(&mut body, fault).await),
         }
@@ -47,7 +51,7 @@ impl Request {
     /// Reads the body, on a thread that may block: forms are parsed there and their parts written to files.
     ///
     /// # Errors
-    /// Those of the work; a panic in it. What is refused gives its place back before the rest of it is read.
+    /// Those of the work; a panic in it. What is refused gives its slot back before the rest of it is read.
     pub(crate) async fn read<T: Send + 'static>(
         self,
         work: impl FnOnce(&mut Receiver<'_>) -> Result<T, Fault> + Send + 'static,
@@ -56,7 +60,7 @@ impl Request {
             app,
             content_type,
             mut body,
-            place,
+            slot,
             ..
         } = self;
         let runtime = Handle::current();
@@ -66,13 +70,13 @@ impl Request {
                 content_type: &content_type,
                 body: &mut body,
             });
-            (found.map(|found| (found, place)), body)
+            (found.map(|found| (found, slot)), body)
         });
         match done.await {
             Ok((Ok(found), _)) => Ok(found),
             Ok((Err(fault), mut body)) => Err(refused(&mut body, fault).await),
             Err(_) => {
-                app.metrics.panicked();
+                app.metrics.add(Scalar::Panics, 1);
                 Err(Fault::failed())
             }
         }
@@ -111,25 +115,24 @@ impl Receiver<'_> {
     }
 }
 
-fn checked(app: &App, headers: &HeaderMap, body: &Incoming) -> Result<(Form, QueueSlot), Fault> {
+fn checked(
+    app: &App,
+    headers: &HeaderMap,
+    body: &Incoming,
+) -> Result<(MediaType, QueueSlot), Fault> {
+    // What is no text accepts nothing that is known here.
     let accept = headers.get(header::ACCEPT);
-    let form = Form::accepted(accept.map(|value| value.to_str().unwrap_or_default()))?;
-    let length = headers.get(header::CONTENT_LENGTH);
-    body.check(length.and_then(|value| value.to_str().ok()?.parse().ok()))?;
-    Ok((form, app.pool.place()?))
+    let accept = accept.map(|value| value.to_str().unwrap_or_default());
+    let media_type = MediaType::accepted(accept)?;
+    let length = header_text(headers, header::CONTENT_LENGTH);
+    body.check(length.and_then(|length| length.parse().ok()))?;
+    Ok((media_type, app.pool.slot()?))
 }
 
 /// A request that is refused, whose body is read to its end so that its client hears of it.
 async fn refused(body: &mut Incoming, fault: Fault) -> Fault {
-    if fault.kind != Kind::Slow {
+    if fault.kind != FaultKind::Slow {
         body.linger().await;
     }
     fault
-}
-
-fn content_type(headers: &HeaderMap) -> &str {
-    let value = headers.get(header::CONTENT_TYPE);
-    value
-        .and_then(|value| value.to_str().ok())
-        .unwrap_or_default()
 }

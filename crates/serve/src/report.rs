@@ -1,41 +1,27 @@
 //! What is said of a completion, by the names of `lsdc complete --json`.
 
-use crate::complete::Completed;
-use crate::forms::Forms;
-use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
+use crate::complete::CompletionResult;
+use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit, DescribedPng, DescribedPoints};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::time::Duration;
 
 /// A completion in numbers: metres, seconds.
 #[derive(Debug, Serialize)]
-pub(crate) struct Report {
-    points: Points,
+pub(crate) struct JsonReport {
+    points: DescribedPoints,
     #[serde(skip_serializing_if = "Option::is_none")]
     depth: Option<DescribedDepth>,
-    /// How many stored units of the PNG make a metre, if it is one.
+    /// The PNG, if the answer is one.
+    #[serde(flatten)]
+    pub(crate) png: Option<DescribedPng>,
+    /// The cloud, if the answer is one.
     #[serde(skip_serializing_if = "Option::is_none")]
-    png_units_per_metre: Option<f64>,
-    /// Pixels that hold one unit there, as they are nearer than half of it.
-    #[serde(skip_serializing_if = "is_zero")]
-    png_raised: usize,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cloud: Option<DescribedCloud>,
+    pub(crate) cloud: Option<DescribedCloud>,
     fit: DescribedFit,
     seconds: Seconds,
     /// What was assumed or left out and should be checked.
     remarks: Vec<String>,
-}
-
-#[derive(Debug, Serialize)]
-struct Points {
-    used: usize,
-    /// NaN, infinite or not positive.
-    ignored: usize,
-    outside: usize,
-    hidden: usize,
-    unit: String,
-    unit_guessed: bool,
 }
 
 #[derive(Debug, Serialize)]
@@ -47,33 +33,20 @@ struct Seconds {
     field: f64,
     dense: f64,
     deviation: f64,
+    /// The leave-one-out errors and the outlier test.
     judging: f64,
 }
 
-#[allow(clippy::trivially_copy_pass_by_ref)]
-fn is_zero(count: &usize) -> bool {
-    *count == 0
-}
-
-impl Report {
-    pub(crate) fn new(found: &Completed, forms: &Forms) -> Self {
+impl JsonReport {
+    pub(crate) fn new(found: &CompletionResult) -> Self {
         let report = found.completion.report();
-        let points = &found.points;
         let seconds = |time: Duration| time.as_secs_f64();
         let depth = found.depth.as_ref();
         Self {
-            points: Points {
-                used: report.used,
-                ignored: points.ignored + report.invalid,
-                outside: points.outside + report.outside,
-                hidden: points.hidden,
-                unit: points.unit.to_string(),
-                unit_guessed: points.guessed,
-            },
+            points: DescribedPoints::new(&found.points, Some(&found.completion)),
             depth: depth.and_then(|depth| DescribedDepth::new(depth, found.clamped)),
-            png_units_per_metre: forms.png.map(|png| 1.0 / png.unit.metres()),
-            png_raised: forms.png.map_or(0, |png| png.raised),
-            cloud: forms.cloud.as_ref().map(DescribedCloud::from),
+            png: None,
+            cloud: None,
             fit: DescribedFit::new(
                 &found.completion,
                 found.leave_one_out,
@@ -87,7 +60,7 @@ impl Report {
                 field: seconds(report.field),
                 dense: seconds(found.times.dense),
                 deviation: seconds(found.times.deviation),
-                judging: seconds(found.times.judging),
+                judging: seconds(found.times.outlier_test),
             },
             remarks: found.remarks(),
         }

@@ -1,7 +1,7 @@
 //! Every address of the service.
 
 use crate::app::App;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
 use crate::observe::observe;
 use crate::{answer, api, page};
 use axum::Router;
@@ -33,7 +33,11 @@ pub(crate) fn routes() -> Vec<Route> {
             &["get", "delete"],
             get(api::show).delete(api::forget),
         ),
-        ("/v1/scenes/{id}/complete", &["post"], post(api::again)),
+        (
+            "/v1/scenes/{id}/complete",
+            &["post"],
+            post(api::complete_scene),
+        ),
         ("/healthz", &["get"], get(healthy)),
         ("/readyz", &["get"], get(ready)),
         ("/metrics", &["get"], get(metrics)),
@@ -51,9 +55,12 @@ pub(crate) fn router(app: &Arc<App>) -> Router {
         router = page::routes(router);
     }
     router
-        .fallback(async || Fault::new(Kind::NotFound, "there is nothing at this address"))
+        .fallback(async || Fault::new(FaultKind::NotFound, "there is nothing at this address"))
         .method_not_allowed_fallback(async || {
-            Fault::new(Kind::Method, "this address does not answer this method")
+            Fault::new(
+                FaultKind::Method,
+                "this address does not answer this method",
+            )
         })
         .layer(from_fn_with_state(app.clone(), observe))
         .with_state(app.clone())
@@ -67,7 +74,7 @@ async fn healthy() -> Response<Body> {
 /// It takes requests.
 async fn ready(State(app): State<Arc<App>>) -> Result<Response<Body>, Fault> {
     if !app.is_ready() {
-        return Err(Fault::new(Kind::Gone, "the service is about to end"));
+        return Err(Fault::new(FaultKind::Gone, "the service is about to end"));
     }
     Ok(answer::json(StatusCode::OK, &json!({ "status": "ready" })))
 }

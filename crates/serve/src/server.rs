@@ -3,7 +3,8 @@
 use crate::app::App;
 use crate::config::Config;
 use crate::error::Error;
-use crate::idle::{Busy, Client, Idle};
+use crate::idle::{Busy, Client, IdleConnections};
+use crate::metrics::Scalar;
 use crate::pace::Paced;
 use crate::{routes, spool, tls};
 use axum::Router;
@@ -33,6 +34,8 @@ const BUFFER: usize = 64 << 10;
 const LINES: usize = 64;
 /// Threads that serve connections; none of them computes.
 const THREADS: usize = 2;
+/// Threads that may block beside those of bodies and computations: for the files of a gallery.
+const OTHER_THREADS: usize = 512;
 /// How often unused scenes are looked for.
 const TIDYING: Duration = Duration::from_secs(5);
 
@@ -62,7 +65,7 @@ impl Server {
     ///
     /// # Errors
     /// An address that cannot be listened to, or that other machines reach without a token; a certificate that
-    /// cannot be used; threads that cannot be started.
+    /// cannot be used.
     pub fn bind(completer: Completer, address: SocketAddr, config: Config) -> Result<Self, Error> {
         config.access.check(address)?;
         let tls = config.tls.as_ref().map(tls::acceptor).transpose()?;
@@ -70,7 +73,7 @@ impl Server {
         let listener = TcpListener::bind(address).map_err(failed)?;
         listener.set_nonblocking(true).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
-        let app = App::new(completer, config, address).map_err(Error::Threads)?;
+        let app = App::new(completer, config, address);
         spool::sweep();
         Ok(Self {
             listener,
@@ -98,6 +101,7 @@ impl Server {
     pub fn run(self) -> Result<(), Error> {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(THREADS)
+            .max_blocking_threads(OTHER_THREADS + self.app.pool.max_threads())
             .thread_name("lsdc-serve")
             .enable_all()
             .build()
@@ -113,7 +117,7 @@ impl Server {
         let router = routes::router(&self.app);
         let mut tidying = interval(TIDYING);
         tidying.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let idle = Arc::new(Idle::default());
+        let idle = Arc::new(IdleConnections::default());
         // A connection that has been accepted and for which there is no room yet.
         let mut next: Option<TcpStream> = None;
         loop {
@@ -172,12 +176,11 @@ impl Connection {
         // Heads and bodies of answers go out at once.
         let _ = stream.set_nodelay(true);
         let (app, client) = (self.app.clone(), self.client.clone());
-        app.metrics.add_connections(1);
+        let _counted = app.metrics.counted(Scalar::Connections);
         tokio::select! {
             () = self.secure(stream) => {}
-            () = client.closed() => app.metrics.add_closed(),
+            () = client.closed() => app.metrics.add(Scalar::ClosedIdle, 1),
         }
-        app.metrics.add_connections(-1);
     }
 
     async fn secure(self, stream: TcpStream) {
@@ -201,7 +204,7 @@ impl Connection {
             let answer = router.call(request);
             async {
                 let answer = answer.await;
-                answer.map(|answer| answer.map(|body| Answer { body, _busy: busy }))
+                answer.map(|answer| answer.map(|body| BusyBody { body, _busy: busy }))
             }
         });
         let connection = http1::Builder::new()
@@ -224,12 +227,12 @@ impl Connection {
 }
 
 /// The body of an answer. Its connection is busy until the last of it has been handed over.
-struct Answer {
+struct BusyBody {
     body: Body,
     _busy: Busy,
 }
 
-impl hyper::body::Body for Answer {
+impl hyper::body::Body for BusyBody {
     type Data = Bytes;
     type Error = axum::Error;
 

@@ -1,7 +1,7 @@
 //! Multipart forms, whose files go to a folder of their own, where the readers of files find them.
 
 use crate::body::Incoming;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
 use crate::spool::Spool;
 use multer::{Field, Multipart};
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ pub(crate) struct Upload {
 /// A part.
 struct Part {
     path: PathBuf,
-    /// What its client calls it: the name of the file that was sent, or that of the part.
+    /// The client's name of the file, or the name of the part.
     name: String,
 }
 
@@ -41,7 +41,7 @@ impl Upload {
     ) -> Result<Self, Fault> {
         let boundary = multer::parse_boundary(content_type).map_err(|_| {
             let what = "the request is no multipart/form-data";
-            Fault::new(Kind::Unsupported, what)
+            Fault::new(FaultKind::Unsupported, what)
                 .hint("send a form, as `curl -F image=@rgb.png` does")
         })?;
         let mut upload = Self {
@@ -116,17 +116,20 @@ impl Upload {
         })
     }
 
-    /// A fault in the words of the client, who knows nothing of the folder.
-    pub(crate) fn named(&self, fault: Fault) -> Fault {
-        Fault {
-            message: self.in_words(&fault.message),
-            hint: fault.hint.as_deref().map(|hint| self.in_words(hint)),
+    /// Runs `work`. A fault of it has the client's names of the files.
+    pub(crate) fn with_client_names<T>(
+        &self,
+        work: impl FnOnce() -> Result<T, Fault>,
+    ) -> Result<T, Fault> {
+        work().map_err(|fault| Fault {
+            message: self.rename_files(&fault.message),
+            hint: fault.hint.as_deref().map(|hint| self.rename_files(hint)),
             ..fault
-        }
+        })
     }
 
-    /// A text in which files have the names that their client has given them.
-    pub(crate) fn in_words(&self, text: &str) -> String {
+    /// A text with the client's names of the files.
+    pub(crate) fn rename_files(&self, text: &str) -> String {
         let mut text = text.to_owned();
         for part in self.parts.values() {
             text = text.replace(&part.path.display().to_string(), &part.name);

@@ -1,222 +1,129 @@
-//! Threads that compute, apart from those that serve connections, and the queue before them.
+//! The queue of the computations: how many run at a time, on threads that may block, and how many requests there are.
 
-use crate::fault::{Fault, Kind};
-use crate::metrics::Metrics;
-use crate::task::Task;
-use std::collections::VecDeque;
+use crate::computation::Computation;
+use crate::fault::{Fault, FaultKind};
+use crate::metrics::{Counted, Metrics, Scalar};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::task::spawn_blocking;
+use tokio::time::timeout_at;
 
-/// The threads, and the places in their queue.
+/// The permits of computations and requests.
 pub(crate) struct WorkerPool {
-    queue: Arc<Queue>,
-    /// A place for each request from its head until its answer has been sent.
-    places: Arc<Semaphore>,
-    threads: Vec<JoinHandle<()>>,
+    workers: usize,
+    /// A permit for each computation that runs; the others wait in their order.
+    permits: Arc<Semaphore>,
+    /// A slot for each request from its head until its answer has been sent.
+    slots: Arc<Semaphore>,
+    mean_seconds: Arc<Mutex<f64>>,
     metrics: Arc<Metrics>,
 }
 
-/// A place of a request, which is free again when this is dropped.
+/// The slot of a request, which is free again when this is dropped.
 pub(crate) struct QueueSlot {
-    metrics: Arc<Metrics>,
+    _counted: Counted,
     _permit: OwnedSemaphorePermit,
 }
 
-impl Drop for QueueSlot {
-    fn drop(&mut self) {
-        self.metrics.add_places(-1);
-    }
-}
-
-struct Queue {
-    state: Mutex<State>,
-    changed: Condvar,
-    metrics: Arc<Metrics>,
-}
-
-#[derive(Default)]
-struct State {
-    waiting: VecDeque<(u64, Job)>,
-    next: u64,
-    closed: bool,
-    /// Seconds that a computation takes, on average.
-    usual: f64,
-}
-
-type Job = Box<dyn FnOnce() + Send>;
-
 impl WorkerPool {
-    /// Starts the threads.
-    ///
-    /// # Errors
-    /// A thread that cannot be started.
-    pub(crate) fn new(
-        workers: usize,
-        queue: usize,
-        metrics: Arc<Metrics>,
-    ) -> std::io::Result<Self> {
-        let count = match workers {
+    /// So many computations at a time, 0 for one on each core, and so many requests beyond these.
+    pub(crate) fn new(workers: usize, queue: usize, metrics: Arc<Metrics>) -> Self {
+        let workers = match workers {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             count => count,
         };
-        let shared = Arc::new(Queue {
-            state: Mutex::default(),
-            changed: Condvar::new(),
-            metrics: metrics.clone(),
-        });
-        let mut pool = Self {
-            queue: shared,
-            places: Arc::new(Semaphore::new(count.saturating_add(queue))),
-            threads: Vec::new(),
+        Self {
+            workers,
+            permits: Arc::new(Semaphore::new(workers)),
+            slots: Arc::new(Semaphore::new(workers.saturating_add(queue))),
+            mean_seconds: Arc::default(),
             metrics,
-        };
-        for number in 0..count {
-            let queue = pool.queue.clone();
-            let thread = std::thread::Builder::new().name(format!("lsdc-work-{number}"));
-            pool.threads.push(thread.spawn(move || queue.work())?);
         }
-        Ok(pool)
     }
 
-    /// A place for a request, which is taken before its body is read and held until its answer has been sent: there are
-    /// never more bodies, computations and answers than places.
+    /// How many threads may block at a time before any request has come: those that read bodies and those that compute, so
+    /// that slow clients keep no computation from its thread.
+    pub(crate) fn max_threads(&self) -> usize {
+        self.workers.saturating_add(self.slots.available_permits())
+    }
+
+    /// A slot for a request, which is taken before its body is read and released when its answer has been sent: there are
+    /// never more bodies, computations and answers than slots.
     ///
     /// # Errors
     /// All are taken.
-    pub(crate) fn place(&self) -> Result<QueueSlot, Fault> {
-        let permit = self.places.clone().try_acquire_owned();
-        let permit = permit.map_err(|_| self.full())?;
-        self.metrics.add_places(1);
+    pub(crate) fn slot(&self) -> Result<QueueSlot, Fault> {
+        let permit = self.slots.clone().try_acquire_owned();
         Ok(QueueSlot {
-            metrics: self.metrics.clone(),
-            _permit: permit,
+            _permit: permit.map_err(|_| self.full())?,
+            _counted: self.metrics.counted(Scalar::QueueSlots),
         })
     }
 
     fn full(&self) -> Fault {
-        let state = self.queue.lock();
-        let rounds = (state.waiting.len() / self.threads.len().max(1) + 1) as f64;
-        let after = Duration::from_secs_f64((state.usual * rounds).ceil().clamp(1.0, 60.0));
-        Fault::new(Kind::Full, "the service is busy and its queue is full")
+        let waiting = self.metrics.get(Scalar::Waiting) as usize;
+        let rounds = (waiting / self.workers + 1) as f64;
+        let mean = *lock(&self.mean_seconds);
+        let after = Duration::from_secs_f64((mean * rounds).ceil().clamp(1.0, 60.0));
+        Fault::new(FaultKind::Full, "the service is busy and its queue is full")
             .hint("ask again after the seconds that Retry-After says")
             .retry(after)
     }
 
-    /// Computes on one of the threads. If the caller no longer waits, as its client has gone, the task is stopped: it
-    /// leaves the queue, or ends before its next part.
+    /// Computes on a thread that may block. If the caller no longer waits, as its client has gone, the computation leaves
+    /// the queue, or ends before its next stage.
     ///
     /// # Errors
     /// Those of the work; a panic in it; the end of its time.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
-        task: &Arc<Task>,
-        work: impl FnOnce(&Task) -> Result<T, Fault> + Send + 'static,
+        computation: &Arc<Computation>,
+        work: impl FnOnce(&Computation) -> Result<T, Fault> + Send + 'static,
     ) -> Result<T, Fault> {
-        let (sender, receiver) = oneshot::channel();
-        let (own, metrics) = (task.clone(), self.metrics.clone());
-        let job = Box::new(move || {
-            let result = catch_unwind(AssertUnwindSafe(|| work(&own)));
-            let _ = sender.send(result.unwrap_or_else(|_| {
-                metrics.panicked();
+        let _stop = StopOnDrop(computation);
+        let deadline = tokio::time::Instant::from_std(computation.deadline());
+        let waiting = self.metrics.counted(Scalar::Waiting);
+        let permit = timeout_at(deadline, self.permits.clone().acquire_owned()).await;
+        drop(waiting);
+        let permit = permit
+            .map_err(|_| computation.late())?
+            .map_err(|_| Fault::failed())?;
+        let (running, metrics) = (computation.clone(), self.metrics.clone());
+        let mean_seconds = self.mean_seconds.clone();
+        let job = spawn_blocking(move || {
+            let _permit = permit;
+            let _working = metrics.counted(Scalar::Working);
+            let started = Instant::now();
+            let result = catch_unwind(AssertUnwindSafe(|| work(&running)));
+            // A running mean, over about ten computations.
+            let seconds = started.elapsed().as_secs_f64();
+            let mut mean = lock(&mean_seconds);
+            *mean += 0.1 * (seconds - *mean);
+            drop(mean);
+            result.unwrap_or_else(|_| {
+                metrics.add(Scalar::Panics, 1);
                 Err(Fault::failed())
-            }));
+            })
         });
-        let abandoned = Abandoned {
-            number: self.queue.push(job),
-            queue: &self.queue,
-            task,
-        };
-        let result = tokio::time::timeout_at(task.deadline().into(), receiver).await;
-        drop(abandoned);
-        match result {
+        match timeout_at(deadline, job).await {
             Ok(Ok(result)) => result,
             Ok(Err(_)) => Err(Fault::failed()),
-            Err(_) => Err(task.late()),
+            Err(_) => Err(computation.late()),
         }
     }
 }
 
-impl Drop for WorkerPool {
-    /// What is being computed is finished, what waits is not begun.
+fn lock(mean: &Mutex<f64>) -> MutexGuard<'_, f64> {
+    mean.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Stops a computation when nobody waits for it any more.
+struct StopOnDrop<'a>(&'a Computation);
+
+impl Drop for StopOnDrop<'_> {
     fn drop(&mut self) {
-        let mut state = self.queue.lock();
-        state.closed = true;
-        state.waiting.clear();
-        drop(state);
-        self.queue.changed.notify_all();
-        for thread in self.threads.drain(..) {
-            let _ = thread.join();
-        }
-    }
-}
-
-/// Stops a task when nobody waits for it any more.
-struct Abandoned<'a> {
-    number: u64,
-    queue: &'a Queue,
-    task: &'a Task,
-}
-
-impl Drop for Abandoned<'_> {
-    fn drop(&mut self) {
-        self.task.stop();
-        self.queue.remove(self.number);
-    }
-}
-
-impl Queue {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn push(&self, job: Job) -> u64 {
-        let mut state = self.lock();
-        let number = state.next;
-        state.next += 1;
-        state.waiting.push_back((number, job));
-        self.metrics.set_waiting(state.waiting.len());
-        drop(state);
-        self.changed.notify_one();
-        number
-    }
-
-    fn remove(&self, number: u64) {
-        let mut state = self.lock();
-        state.waiting.retain(|(own, _)| *own != number);
-        self.metrics.set_waiting(state.waiting.len());
-    }
-
-    fn work(&self) {
-        while let Some(job) = self.next() {
-            let started = Instant::now();
-            self.metrics.add_working(1);
-            job();
-            self.metrics.add_working(-1);
-            self.note(started.elapsed());
-        }
-    }
-
-    fn next(&self) -> Option<Job> {
-        let mut state = self.lock();
-        loop {
-            if state.closed {
-                return None;
-            }
-            if let Some((_, job)) = state.waiting.pop_front() {
-                self.metrics.set_waiting(state.waiting.len());
-                return Some(job);
-            }
-            let woken = self.changed.wait(state);
-            state = woken.unwrap_or_else(PoisonError::into_inner);
-        }
-    }
-
-    /// A running mean over about ten computations.
-    fn note(&self, time: Duration) {
-        let mut state = self.lock();
-        state.usual += 0.1 * (time.as_secs_f64() - state.usual);
+        self.0.stop();
     }
 }

@@ -1,27 +1,40 @@
 //! Weights by name or from a file.
 
 use crate::error::{Error, Result};
-use crate::{Embedded, completer, embedded};
+use crate::{completer, embedded};
 use lsdc_core::fit::FitConfig;
 use lsdc_core::{Completer, Weights};
 use lsdc_rng::hash;
 use safetensors::SafeTensors;
+use std::borrow::Cow;
 use std::path::Path;
 
-/// Weights of the program by their name; a file of that name takes precedence.
-fn named(path: Option<&Path>) -> Option<&'static Embedded> {
-    match path {
+/// The bytes of weights and their name: those of the program (borrowed), or a file, which takes precedence.
+fn read(path: Option<&Path>) -> Result<(Cow<'static, [u8]>, String)> {
+    let built_in = match path {
         None => embedded().first(),
         Some(path) if path.exists() => None,
-        Some(path) => crate::named(path.to_str()?),
+        Some(path) => path.to_str().and_then(crate::named),
+    };
+    if let Some(weights) = built_in {
+        return Ok((weights.bytes.into(), weights.name.to_owned()));
     }
+    let path = path.unwrap_or(Path::new(""));
+    let bytes = std::fs::read(path).map_err(|e| {
+        let names: Vec<&str> = embedded().iter().map(|w| w.name).collect();
+        Error::read(path, e).hint(format!(
+            "give a weights file, or one of the program's: {}",
+            names.join(", ")
+        ))
+    })?;
+    Ok((bytes.into(), path.display().to_string()))
 }
 
 /// The name that stands for no network at all.
 const NONE: &str = "none";
 
 /// Whether `--weights` asks for no network at all: a constant, a guide, and a field along the colours of the image.
-pub fn are_none(path: Option<&Path>) -> bool {
+pub fn names_no_network(path: Option<&Path>) -> bool {
     path.is_some_and(|path| path == Path::new(NONE) && !path.exists())
 }
 
@@ -30,7 +43,7 @@ pub fn are_none(path: Option<&Path>) -> bool {
 /// # Errors
 /// As for [`open_weights`].
 pub fn weights_fit(path: Option<&Path>) -> Result<FitConfig> {
-    let path = path.filter(|_| !are_none(path));
+    let path = path.filter(|_| !names_no_network(path));
     Ok(open_weights(path)?.fit()?.unwrap_or_default())
 }
 
@@ -39,14 +52,15 @@ pub fn weights_fit(path: Option<&Path>) -> Result<FitConfig> {
 /// # Errors
 /// A file that cannot be read.
 pub fn weights_name(path: Option<&Path>) -> Result<String> {
-    if are_none(path) {
+    if names_no_network(path) {
         return Ok("no network".to_owned());
     }
-    let of = match (named(path), path) {
-        (Some(own), _) => format!("`{}` of the program", own.name),
-        (None, path) => format!("`{}`", path.unwrap_or(Path::new("")).display()),
+    let (bytes, name) = read(path)?;
+    let origin = match bytes {
+        Cow::Borrowed(_) => " of the program",
+        Cow::Owned(_) => "",
     };
-    Ok(format!("{of}, {}", weights_hash(path)?))
+    Ok(format!("`{name}`{origin}, {}", hash_text(&bytes)))
 }
 
 /// The weights that [`open_weights`] would read by their contents alone, wherever they lie.
@@ -54,14 +68,14 @@ pub fn weights_name(path: Option<&Path>) -> Result<String> {
 /// # Errors
 /// A file that cannot be read.
 pub fn weights_hash(path: Option<&Path>) -> Result<String> {
-    if are_none(path) {
+    if names_no_network(path) {
         return Ok(NONE.to_owned());
     }
-    let hashed = |bytes: &[u8]| format!("{:016x}", hash(&[bytes]));
-    match named(path) {
-        Some(own) => Ok(hashed(own.bytes)),
-        None => Ok(hashed(&read(path.unwrap_or(Path::new("")))?)),
-    }
+    Ok(hash_text(&read(path)?.0))
+}
+
+fn hash_text(bytes: &[u8]) -> String {
+    format!("{:016x}", hash(&[bytes]))
 }
 
 /// Weights from a file, or of the program: by name, or the default.
@@ -69,11 +83,14 @@ pub fn weights_hash(path: Option<&Path>) -> Result<String> {
 /// # Errors
 /// A file that cannot be read or is no weights file.
 pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
-    if let Some(own) = named(path) {
-        return read_bytes(own.bytes, own.name);
+    let (bytes, name) = read(path)?;
+    if is_system(&bytes) {
+        return Err(Error::weights(format!(
+            "`{name}` holds no basis functions, but a system that is compared with"
+        ))
+        .hint("give --method s2d, cspn or lsk; `lsdc weights info` says which it is"));
     }
-    let path = path.unwrap_or(Path::new(""));
-    read_bytes(&read(path)?, &path.display().to_string())
+    Weights::from_bytes(&bytes).map_err(|e| Error::of_core(e, format!("`{name}`")))
 }
 
 /// Opens weights from a file, or those that come with the program, for the CPU; `none` is no network at all.
@@ -81,7 +98,7 @@ pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
 /// # Errors
 /// A file that cannot be read or is no weights file, or an encoder that is not installed.
 pub fn open_completer(path: Option<&Path>) -> Result<Completer> {
-    if are_none(path) {
+    if names_no_network(path) {
         return Ok(Completer::without_network(weights_fit(path)?)?);
     }
     completer(&open_weights(path)?)
@@ -95,25 +112,5 @@ pub fn is_system(bytes: &[u8]) -> bool {
     SafeTensors::read_metadata(bytes).is_ok_and(|(_, metadata)| {
         let about = metadata.metadata().as_ref();
         about.is_some_and(|about| about.contains_key(SYSTEM_NOTE))
-    })
-}
-
-fn read_bytes(bytes: &[u8], name: &str) -> Result<Weights> {
-    if is_system(bytes) {
-        return Err(Error::weights(format!(
-            "`{name}` holds no basis functions, but a system that is compared with"
-        ))
-        .hint("give --method s2d, cspn or lsk; `lsdc weights info` says which it is"));
-    }
-    Weights::from_bytes(bytes).map_err(|e| Error::of_core(e, format!("`{name}`")))
-}
-
-fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|e| {
-        let names: Vec<&str> = embedded().iter().map(|w| w.name).collect();
-        Error::read(path, e).hint(format!(
-            "give a weights file, or one of the program's: {}",
-            names.join(", ")
-        ))
     })
 }

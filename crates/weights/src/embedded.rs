@@ -1,8 +1,15 @@
 //! Weights that are part of this library.
 
 #[cfg(feature = "weights")]
+use super::from_safetensors;
+#[cfg(feature = "weights")]
+use super::names::RESIZE_LAYER;
+use lsdc_core::weights::Tensor;
+#[cfg(feature = "weights")]
 use lsdc_core::weights::{DEFAULT, SMALL};
 use lsdc_core::{Result, Weights};
+#[cfg(feature = "weights")]
+use std::path::Path;
 
 /// Weights that come with the program.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +48,10 @@ static EMBEDDED: [Embedded; 3] = [
 #[cfg(not(feature = "weights"))]
 static EMBEDDED: [Embedded; 0] = [];
 
+/// The tensor of the depth head of Depth Anything V2 Small that was learned by the authors of lsdc.
+#[cfg(feature = "weights")]
+static DEPTH_HEAD: &[u8] = include_bytes!("../weights/depth_head.safetensors");
+
 impl Embedded {
     /// Reads the weights.
     ///
@@ -61,6 +72,18 @@ pub fn named(name: &str) -> Option<&'static Embedded> {
     EMBEDDED.iter().find(|weights| weights.name == name)
 }
 
+/// The tensor `depth_head.resize_layers.3.weight` of this library; none without the feature `weights`.
+pub(super) fn resize_layer() -> Option<Tensor> {
+    #[cfg(feature = "weights")]
+    {
+        // The tests read it.
+        let all = from_safetensors(Path::new("depth_head.safetensors"), DEPTH_HEAD).ok();
+        all?.remove(RESIZE_LAYER)
+    }
+    #[cfg(not(feature = "weights"))]
+    None
+}
+
 #[cfg(all(test, feature = "weights"))]
 mod tests {
     use super::*;
@@ -73,5 +96,12 @@ mod tests {
             assert_eq!(on_encoder, weights.name == "anything");
         }
         assert!(named("huge").is_none());
+    }
+
+    #[test]
+    fn the_tensor_of_the_depth_head_can_be_read() {
+        let tensor = resize_layer().unwrap();
+        assert_eq!(tensor.shape(), [384, 384, 3, 3]);
+        assert!(tensor.values().iter().all(|v| v.is_finite()));
     }
 }

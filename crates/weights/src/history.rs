@@ -12,23 +12,24 @@ use std::path::Path;
 /// The note of a weights file that holds the entries, the oldest first.
 const NOTE: &str = "history";
 
-/// What one command did.
+/// One command that made or changed the weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Made {
+pub struct HistoryEntry {
     /// The command.
-    pub by: String,
+    #[serde(rename = "by")]
+    pub command: String,
     /// The program and its numerics.
     pub program: Value,
-    /// The weights that it began with or asked.
-    #[serde(default)]
-    pub of: Vec<Source>,
+    /// The weights that it started from, or learned from.
+    #[serde(rename = "of", default)]
+    pub sources: Vec<SourceWeights>,
     /// The frames.
     #[serde(default)]
     pub data: Value,
     /// All settings, seeds among them.
     #[serde(default)]
     pub settings: Value,
-    /// The seconds that were computed for, without interruptions.
+    /// Seconds of computing, without interruptions.
     #[serde(default)]
     pub seconds: f64,
     /// When it was over, as ISO 8601 in UTC.
@@ -37,25 +38,25 @@ pub struct Made {
 
 /// Weights that others were made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Source {
+pub struct SourceWeights {
     /// What they were: `start`, `teacher`, `backbone`.
     pub role: String,
     /// How they were called: a file, or a name of the program.
     pub weights: String,
     /// Changes with every bit of them.
     pub contents: String,
-    /// What they were made from, unless the entries before this one tell.
+    /// What they were made from, unless the entries before this one are their history.
     #[serde(default)]
-    pub history: Vec<Made>,
+    pub history: Vec<HistoryEntry>,
 }
 
-impl Made {
-    /// What a command did that is over now.
-    pub fn now(by: &str) -> Self {
+impl HistoryEntry {
+    /// The entry of a command that ends now.
+    pub fn now(command: &str) -> Self {
         Self {
-            by: by.to_owned(),
+            command: command.to_owned(),
             program: provenance::program(),
-            of: Vec::new(),
+            sources: Vec::new(),
             data: Value::Null,
             settings: Value::Null,
             seconds: 0.0,
@@ -64,12 +65,12 @@ impl Made {
     }
 }
 
-impl Source {
-    /// Weights of that name without what they were made from, which the entries before tell.
+impl SourceWeights {
+    /// Weights of that name without their history, which is in the entries before.
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub fn told_before(role: &str, path: Option<&Path>) -> Result<Self> {
+    pub fn without_history(role: &str, path: Option<&Path>) -> Result<Self> {
         let name = path.unwrap_or(Path::new("default"));
         Ok(Self {
             role: role.to_owned(),
@@ -85,17 +86,17 @@ impl Source {
     /// A file that cannot be read, or is no weights file.
     pub fn open(role: &str, path: &Path) -> Result<Self> {
         Ok(Self {
-            history: of(&open_weights(Some(path))?.notes)?,
-            ..Self::told_before(role, Some(path))?
+            history: read(&open_weights(Some(path))?.notes)?,
+            ..Self::without_history(role, Some(path))?
         })
     }
 }
 
-/// The entries among the notes of weights, the oldest first; none if they tell nothing.
+/// The entries among the notes of weights, the oldest first; none if there is no such note.
 ///
 /// # Errors
 /// A record that cannot be read.
-pub fn of(notes: &BTreeMap<String, String>) -> Result<Vec<Made>> {
+pub fn read(notes: &BTreeMap<String, String>) -> Result<Vec<HistoryEntry>> {
     let Some(json) = notes.get(NOTE) else {
         return Ok(Vec::new());
     };
@@ -110,10 +111,10 @@ pub fn of(notes: &BTreeMap<String, String>) -> Result<Vec<Made>> {
 /// A record that cannot be read.
 pub fn add(
     notes: &mut BTreeMap<String, String>,
-    made: impl IntoIterator<Item = Made>,
+    entries: impl IntoIterator<Item = HistoryEntry>,
 ) -> Result<()> {
-    let mut history = of(notes)?;
-    history.extend(made);
+    let mut history = read(notes)?;
+    history.extend(entries);
     let json = serde_json::to_string(&history)
         .map_err(|e| Error::weights("the record cannot be written as JSON").because(e))?;
     notes.insert(NOTE.to_owned(), json);
@@ -124,21 +125,21 @@ pub fn add(
 ///
 /// # Errors
 /// A file that cannot be read.
-pub fn changed(by: &str, path: Option<&Path>, weights: &Weights) -> Result<Made> {
+pub fn changed(command: &str, path: Option<&Path>, weights: &Weights) -> Result<HistoryEntry> {
     let fit = weights.fit()?;
-    Ok(Made {
-        of: vec![Source::told_before("start", path)?],
+    Ok(HistoryEntry {
+        sources: vec![SourceWeights::without_history("start", path)?],
         settings: serde_json::json!({ "fit": fit }),
-        ..Made::now(by)
+        ..HistoryEntry::now(command)
     })
 }
 
 /// The entries as lines, those of other weights below the entry that they took part in.
-pub fn lines(history: &[Made]) -> Vec<String> {
+pub fn lines(history: &[HistoryEntry]) -> Vec<String> {
     let mut lines = Vec::new();
-    for made in history {
-        lines.push(made.to_string());
-        for source in &made.of {
+    for entry in history {
+        lines.push(entry.to_string());
+        for source in &entry.sources {
             let below = self::lines(&source.history).into_iter();
             lines.extend(below.map(|line| format!("  {}: {line}", source.role)));
         }
@@ -146,9 +147,9 @@ pub fn lines(history: &[Made]) -> Vec<String> {
     lines
 }
 
-impl Display for Made {
+impl Display for HistoryEntry {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}, {}", self.ended, self.by)?;
+        write!(f, "{}, {}", self.ended, self.command)?;
         if let Some(version) = self.program["version"].as_str() {
             write!(f, ", lsdc {version}")?;
         }
@@ -165,7 +166,7 @@ impl Display for Made {
         {
             write!(f, ", {frames} frames of {found}")?;
         }
-        for source in &self.of {
+        for source in &self.sources {
             write!(f, ", {} `{}`", source.role, source.weights)?;
         }
         if self.seconds > 0.0 {

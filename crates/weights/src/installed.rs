@@ -1,10 +1,13 @@
-//! The encoder that weights need, from the user's data folder.
+//! The encoder that weights need, and the depth head on it, from the user's data folder.
 
-use crate::{KNOWN, Store};
-use lsdc_core::network::{Encoder, EncoderConfig, NetworkConfig};
+use crate::embedded::resize_layer;
+use crate::known::sha256;
+use crate::names::{LEARNED_LAYER, RESIZE_LAYER};
+use crate::{KNOWN, Store, identity};
+use lsdc_core::network::{DepthHead, Encoder, EncoderConfig, NetworkConfig};
 use lsdc_core::weights::Tensor;
-use lsdc_core::{Completer, Weights};
-use lsdc_files::error::Result;
+use lsdc_core::{Completer, DepthAnything, Weights};
+use lsdc_files::error::{Error, Result};
 use lsdc_kernels::simd::Level;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -25,16 +28,84 @@ pub fn installed() -> Result<BTreeMap<String, Tensor>> {
 /// # Errors
 /// As [`installed`].
 pub fn encoder_of(network: &NetworkConfig) -> Result<Option<Arc<Encoder>>> {
-    static PREPARED: OnceLock<Arc<Encoder>> = OnceLock::new();
     if network.extractor.encoder == 0 {
         return Ok(None);
     }
+    prepared_encoder().map(Some)
+}
+
+/// The encoder of the weights `anything`, prepared once in a process.
+fn prepared_encoder() -> Result<Arc<Encoder>> {
+    static PREPARED: OnceLock<Arc<Encoder>> = OnceLock::new();
     if let Some(encoder) = PREPARED.get() {
-        return Ok(Some(encoder.clone()));
+        return Ok(encoder.clone());
     }
     // Without a lock: a thread of a pool that waits here for parts of its work could take up another call of this function.
     let encoder = Encoder::new(EncoderConfig::small(), &installed()?, Level::here())?;
-    Ok(Some(PREPARED.get_or_init(|| Arc::new(encoder)).clone()))
+    Ok(PREPARED.get_or_init(|| Arc::new(encoder)).clone())
+}
+
+/// Which tensor `depth_head.resize_layers.3.weight` of Depth Anything V2 Small is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ResizeLayer {
+    /// The tensor of this library, which was learned in the place of the published one. Results are measured with it. Without
+    /// the feature `weights`, that of the installed file.
+    #[default]
+    Learned,
+    /// The published tensor.
+    Published,
+}
+
+/// Depth Anything V2 Small, as installed.
+#[derive(Clone, Debug)]
+pub struct InstalledDepthAnything {
+    /// The network.
+    pub network: DepthAnything,
+    /// Changes with every bit of its tensors.
+    pub hash: String,
+}
+
+/// Returns Depth Anything V2 Small from the user's data folder, prepared for the CPU. It is prepared once in a process, and
+/// shares its encoder with the weights `anything`.
+///
+/// # Errors
+/// It was not added, or without its depth head, or its files were damaged since.
+pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
+    static PREPARED: [OnceLock<InstalledDepthAnything>; 2] = [const { OnceLock::new() }; 2];
+    let place = match layer {
+        ResizeLayer::Learned => &PREPARED[0],
+        ResizeLayer::Published => &PREPARED[1],
+    };
+    if let Some(found) = place.get() {
+        return Ok(found.clone());
+    }
+    let [known] = &KNOWN;
+    let store = Store::open()?;
+    if !store.path(known).exists() {
+        return Err(store.missing(known, "the guide `depth-anything` needs"));
+    }
+    let mut head = store.load_head(known)?;
+    let learned = head.remove(LEARNED_LAYER);
+    let published = head.remove(RESIZE_LAYER);
+    let chosen = match layer {
+        ResizeLayer::Learned => resize_layer().or(learned).or(published),
+        ResizeLayer::Published => published,
+    };
+    let chosen = chosen.ok_or_else(|| {
+        Error::format(&store.head_path(known), format!("has no `{RESIZE_LAYER}`"))
+            .hint("`lsdc weights add FILE` adds it from the published file")
+    })?;
+    let chosen = BTreeMap::from([(RESIZE_LAYER.to_owned(), chosen)]);
+    // The other tensors have been compared with their identities.
+    let fixed = known.head.map_or("", |head| head.identity);
+    let tensors = format!("{} {fixed} {}", known.identity, identity(&chosen));
+    head.extend(chosen);
+    let head = DepthHead::new(&head, Level::here())?;
+    let found = InstalledDepthAnything {
+        network: DepthAnything::with_parts(prepared_encoder()?, head)?,
+        hash: sha256(tensors.as_bytes()).chars().take(16).collect(),
+    };
+    Ok(place.get_or_init(|| found).clone())
 }
 
 /// Prepares weights with the fit that they were trained for, and the encoder that they need, for the CPU.

@@ -1,5 +1,6 @@
 //! Which encoders are known, and how one is recognised.
 
+use super::names::{LEARNED_LAYER, RESIZE_LAYER};
 use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 use lsdc_core::network::{EncoderConfig, PATCH};
@@ -12,7 +13,7 @@ use std::path::Path;
 
 /// A published encoder, on which weights of the program are built.
 #[derive(Clone, Copy, Debug)]
-pub struct Known {
+pub struct KnownEncoder {
     /// What the weights are called.
     pub weights: &'static str,
     /// What the encoder is.
@@ -23,33 +24,48 @@ pub struct Known {
     pub identity: &'static str,
     /// Its sizes.
     pub sizes: fn() -> EncoderConfig,
-    /// Where it is published; the first is asked first.
-    pub places: &'static [&'static str],
+    /// Where it is published; the first is tried first.
+    pub urls: &'static [&'static str],
     /// Bytes of a published file, to three digits.
-    pub download: u64,
-    /// What it takes to use it.
-    pub cost: &'static str,
+    pub download_bytes: u64,
+    /// The time that it adds to a completion.
+    pub extra_time: &'static str,
+    /// The depth head that was published with it.
+    pub head: Option<KnownHead>,
+}
+
+/// The depth head of a published network, which the guide `depth-anything` needs beside the encoder.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownHead {
+    /// [`identity`] of its tensors, but for `depth_head.resize_layers.3.weight`, in whose place lsdc has a tensor of its own.
+    pub identity: &'static str,
+    /// Bytes that it takes in the data folder.
+    pub bytes: u64,
 }
 
 /// The encoder of the weights `anything`.
-pub const ANYTHING: Known = Known {
+pub const ANYTHING: KnownEncoder = KnownEncoder {
     weights: "anything",
     name: "Depth Anything V2 Small (ViT-S/14)",
     licence: "Apache-2.0",
     identity: "285a2de5a485fce67de54fd0e01da30a1d1c3f35434c51149d25c661874dbb3a",
     sizes: EncoderConfig::small,
-    places: &[
+    urls: &[
         "https://huggingface.co/depth-anything/Depth-Anything-V2-Small-hf/resolve/main/model.safetensors",
         "https://huggingface.co/depth-anything/Depth-Anything-V2-Small/resolve/main/depth_anything_v2_vits.pth",
     ],
-    download: 99_200_000,
-    cost: "0.12 to 0.25 s more per image on two cores",
+    download_bytes: 99_200_000,
+    extra_time: "0.12 to 0.25 s more per image on two cores",
+    head: Some(KnownHead {
+        identity: "54bdb01234e19cb4d473d54247159f24af66c3ba49eb00f173d05aad70e1e818",
+        bytes: 5_457_026,
+    }),
 };
 
 /// All of them.
-pub const KNOWN: [Known; 1] = [ANYTHING];
+pub const KNOWN: [KnownEncoder; 1] = [ANYTHING];
 
-impl Known {
+impl KnownEncoder {
     /// The shapes of its tensors.
     pub(super) fn shapes(&self) -> BTreeMap<String, Vec<usize>> {
         let EncoderConfig {
@@ -108,7 +124,7 @@ impl Known {
             };
             let found = tensor.shape();
             (found != shape).then(|| {
-                let (found, expected) = (sides(found), sides(shape));
+                let (found, expected) = (shape_text(found), shape_text(shape));
                 format!("has `{name}` of shape {found} instead of {expected}")
             })
         });
@@ -142,52 +158,89 @@ impl Known {
 pub fn recognise<'a>(
     path: &Path,
     tensors: &BTreeMap<String, Tensor>,
-    known: &'a [Known],
-) -> Result<&'a Known> {
+    known: &'a [KnownEncoder],
+) -> Result<&'a KnownEncoder> {
     let found = identity(tensors);
     if let Some(known) = known.iter().find(|known| known.identity == found) {
         return Ok(known);
     }
-    let alike = known
+    let same_shapes = known
         .iter()
         .find(|known| known.difference(tensors).is_none());
-    if let Some(alike) = alike {
-        return Err(alike.other_values(path, &found));
+    if let Some(same_shapes) = same_shapes {
+        return Err(same_shapes.other_values(path, &found));
     }
     let names: Vec<&str> = known.iter().map(|known| known.name).collect();
-    let places: Vec<&str> = known
-        .iter()
-        .flat_map(|known| known.places)
-        .copied()
-        .collect();
+    let urls: Vec<&str> = known.iter().flat_map(|known| known.urls).copied().collect();
     let difference = known.iter().find_map(|known| known.difference(tensors));
     let what = format!(
         "is not the encoder of {}: it {}",
         names.join(" or "),
         difference.unwrap_or_default()
     );
-    Err(Error::format(path, what).hint(format!("expected is a file from {}", places.join(" or "))))
+    Err(Error::format(path, what).hint(format!("expected is a file from {}", urls.join(" or "))))
+}
+
+/// Which of `known` the depth head in the file `path` belongs to.
+///
+/// # Errors
+/// None of them.
+pub(super) fn recognise_head<'a>(
+    path: &Path,
+    head: &BTreeMap<String, Tensor>,
+    known: &'a [KnownEncoder],
+) -> Result<&'a KnownEncoder> {
+    let found = head_identity(head);
+    let is_found = |known: &&KnownEncoder| known.head.is_some_and(|head| head.identity == found);
+    if let Some(known) = known.iter().find(is_found) {
+        return Ok(known);
+    }
+    let with_head = known.iter().filter(|known| known.head.is_some());
+    let names: Vec<&str> = with_head.clone().map(|known| known.name).collect();
+    let urls: Vec<&str> = with_head.flat_map(|known| known.urls).copied().collect();
+    let what = format!(
+        "has a depth head of other values than that of {}",
+        names.join(" or ")
+    );
+    Err(Error::format(path, what).hint(format!(
+        "the file is damaged, or of another training; expected is a file from {}",
+        urls.join(" or ")
+    )))
+}
+
+/// [`identity`] of the tensors of a depth head whose published values are known.
+fn head_identity(head: &BTreeMap<String, Tensor>) -> String {
+    let mut sum = IdentityHash::default();
+    for (name, tensor) in head.iter().filter(|(name, _)| is_fixed(name)) {
+        sum.add(name, tensor.shape(), &f16_bytes(tensor));
+    }
+    sum.text()
+}
+
+/// Whether a tensor counts for the identity of a network.
+pub(super) fn is_fixed(name: &str) -> bool {
+    name != RESIZE_LAYER && name != LEARNED_LAYER
 }
 
 /// SHA-256 over the names, shapes and values of tensors, rounded to half precision: the same for every container and
 /// precision of a network.
 pub fn identity(tensors: &BTreeMap<String, Tensor>) -> String {
-    let mut sum = Sum::default();
+    let mut sum = IdentityHash::default();
     for (name, tensor) in tensors {
-        sum.add(name, tensor.shape(), &halves(tensor));
+        sum.add(name, tensor.shape(), &f16_bytes(tensor));
     }
     sum.text()
 }
 
 /// An [`identity`] in the making.
 #[derive(Default)]
-pub(super) struct Sum(Sha256);
+pub(super) struct IdentityHash(Sha256);
 
-impl Sum {
+impl IdentityHash {
     /// Adds a tensor, by its values in half precision; names must come in their order.
-    pub(super) fn add(&mut self, name: &str, shape: &[usize], halves: &[u8]) {
-        self.0.update(format!("{name} {}\n", sides(shape)));
-        self.0.update(halves);
+    pub(super) fn add(&mut self, name: &str, shape: &[usize], f16_bytes: &[u8]) {
+        self.0.update(format!("{name} {}\n", shape_text(shape)));
+        self.0.update(f16_bytes);
     }
 
     pub(super) fn text(self) -> String {
@@ -210,13 +263,13 @@ fn hexadecimal(bytes: &[u8]) -> String {
 }
 
 /// The values of a tensor in half precision, the least byte first.
-pub(super) fn halves(tensor: &Tensor) -> Vec<u8> {
+pub(super) fn f16_bytes(tensor: &Tensor) -> Vec<u8> {
     let mut rounded = vec![f16::ZERO; tensor.values().len()];
     rounded.convert_from_f32_slice(tensor.values());
     rounded.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-fn sides(shape: &[usize]) -> String {
+fn shape_text(shape: &[usize]) -> String {
     let sides: Vec<String> = shape.iter().map(usize::to_string).collect();
     sides.join("x")
 }

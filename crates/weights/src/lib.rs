@@ -35,17 +35,19 @@ mod stored;
 mod write;
 
 pub use by_name::{
-    SYSTEM_NOTE, are_none, is_system, open_completer, open_weights, weights_fit, weights_hash,
-    weights_name,
+    SYSTEM_NOTE, is_system, names_no_network, open_completer, open_weights, weights_fit,
+    weights_hash, weights_name,
 };
 #[cfg(feature = "download")]
-pub use download::{Event, Limits, get};
+pub use download::{DownloadEvent, DownloadLimits, get};
 pub use embedded::{Embedded, embedded, named};
 pub use golden::golden;
-pub use installed::{completer, encoder_of, installed};
-pub use known::{ANYTHING, KNOWN, Known, identity, recognise};
+pub use installed::{
+    InstalledDepthAnything, ResizeLayer, completer, depth_anything, encoder_of, installed,
+};
+pub use known::{ANYTHING, KNOWN, KnownEncoder, KnownHead, identity, recognise};
 pub use lsdc_files::error;
-pub use store::{Added, FOLDER, Store, how_to_install};
+pub use store::{FOLDER, Installation, Store, how_to_install};
 pub use write::{Precision, stored_bytes, to_bytes};
 
 /// The note of a weights file that holds the settings it was trained with.
@@ -60,10 +62,10 @@ use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
 use std::collections::BTreeMap;
 use std::path::Path;
-use stored::Kind;
+use stored::FloatType;
 
 /// Larger files are no encoder of this kind.
-const MOST_BYTES: u64 = 1 << 31;
+const MAX_BYTES: u64 = 1 << 31;
 
 /// Reads the tensors of an encoder by `DINOv2`'s names, from a `PyTorch` file (`.pth`, `.pt`) or a safetensors file,
 /// with the names of `DINOv2`, Depth Anything or Hugging Face's transformers. Whatever else is in the file, such as a
@@ -81,7 +83,7 @@ pub fn read_encoder(path: &Path) -> Result<BTreeMap<String, Tensor>> {
 /// # Errors
 /// A file that cannot be read or is damaged.
 pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
-    let bytes = bytes_of(path)?;
+    let bytes = read_bounded(path)?;
     if bytes.starts_with(b"PK") {
         pytorch::read(path, &bytes)
     } else {
@@ -90,11 +92,11 @@ pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
 }
 
 /// The bytes of a file that may hold an encoder.
-fn bytes_of(path: &Path) -> Result<Vec<u8>> {
+fn read_bounded(path: &Path) -> Result<Vec<u8>> {
     let size = std::fs::metadata(path)
         .map_err(|e| Error::read(path, e))?
         .len();
-    if size > MOST_BYTES {
+    if size > MAX_BYTES {
         let what = format!("{size} bytes are too many for an encoder");
         return Err(Error::format(path, what));
     }
@@ -110,9 +112,9 @@ fn from_safetensors(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor
     let mut all = BTreeMap::new();
     for (name, view) in file.tensors() {
         let kind = match view.dtype() {
-            Dtype::F32 => Kind::F32,
-            Dtype::F16 => Kind::F16,
-            Dtype::BF16 => Kind::Bf16,
+            Dtype::F32 => FloatType::F32,
+            Dtype::F16 => FloatType::F16,
+            Dtype::BF16 => FloatType::Bf16,
             // Counters of batches and the like.
             _ => continue,
         };

@@ -1,17 +1,17 @@
 //! The part of Python's pickles that tensors are described with.
 //!
 //! A pickle is a program for a machine with a stack. Python's machine calls whatever function the program names; this
-//! one knows the few instructions that descriptions of tensors need, builds plain values, and calls nothing.
+//! one has the few instructions that descriptions of tensors need, builds plain values, and calls nothing.
 
-use super::stored::{Kind, Stored};
+use super::stored::{FloatType, StoredTensor};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
 /// Containers inside one another.
-const DEEPEST: usize = 16;
+const MAX_DEPTH: usize = 16;
 
 /// A value, or what is wrong with the file.
-type Outcome<T> = Result<T, String>;
+type Parsed<T> = Result<T, String>;
 
 /// What the machine works on.
 #[derive(Clone, Debug)]
@@ -23,21 +23,21 @@ pub(super) enum Value {
     Name(Rc<str>),
     Tuple(Rc<[Value]>),
     /// A dictionary: names and what has them.
-    Names(Vec<(Value, Value)>),
+    Dict(Vec<(Value, Value)>),
     /// A part of the file that holds numbers.
-    Storage(Rc<str>, Option<Kind>),
-    Tensor(Rc<Stored>),
+    Storage(Rc<str>, Option<FloatType>),
+    Tensor(Rc<StoredTensor>),
     /// Anything that tensors do not depend on.
     Other,
 }
 
-/// Runs a program; an error says what is wrong with it.
-pub(super) fn run(program: &[u8]) -> Outcome<Value> {
+/// Runs a program; an error names what is wrong with it.
+pub(super) fn run(program: &[u8]) -> Parsed<Value> {
     Machine {
         program,
         stack: Vec::new(),
         marks: Vec::new(),
-        memory: BTreeMap::new(),
+        memo: BTreeMap::new(),
     }
     .run()
 }
@@ -48,11 +48,11 @@ struct Machine<'a> {
     /// Values, and how deep each is.
     stack: Vec<(Value, usize)>,
     marks: Vec<usize>,
-    memory: BTreeMap<u32, (Value, usize)>,
+    memo: BTreeMap<u32, (Value, usize)>,
 }
 
 impl Machine<'_> {
-    fn run(mut self) -> Outcome<Value> {
+    fn run(mut self) -> Parsed<Value> {
         loop {
             let [code] = self.take()?;
             match code {
@@ -65,7 +65,7 @@ impl Machine<'_> {
                 }
                 // FRAME
                 0x95 => drop(self.take::<8>()?),
-                b'}' => self.push(Value::Names(Vec::new()), 1)?,
+                b'}' => self.push(Value::Dict(Vec::new()), 1)?,
                 b']' | b'N' => self.push(Value::Other, 1)?,
                 b')' => self.push(Value::Tuple([].into()), 1)?,
                 0x88 => self.push(Value::Number(1), 1)?,
@@ -85,7 +85,7 @@ impl Machine<'_> {
                 // LONG1
                 0x8a => {
                     let [length] = self.take()?;
-                    let value = long(self.bytes(length.into())?)?;
+                    let value = decode_long(self.bytes(length.into())?)?;
                     self.push(Value::Number(value), 1)?;
                 }
                 // BINFLOAT
@@ -115,32 +115,36 @@ impl Machine<'_> {
                 },
                 b'(' => self.marks.push(self.stack.len()),
                 b't' => {
-                    let values = self.marked()?;
+                    let values = self.pop_to_mark()?;
                     self.tuple(values)?;
                 }
                 0x85..=0x87 => {
                     let count = usize::from(code - 0x84);
-                    let from = self.stack.len().checked_sub(count).ok_or_else(empty)?;
+                    let from = self
+                        .stack
+                        .len()
+                        .checked_sub(count)
+                        .ok_or_else(stack_underflow)?;
                     let values = self.stack.split_off(from);
                     self.tuple(values)?;
                 }
                 b'q' => {
-                    let [place] = self.take()?;
-                    self.remember(place.into())?;
+                    let [index] = self.take()?;
+                    self.memoize(index.into())?;
                 }
                 b'r' => {
-                    let place = u32::from_le_bytes(self.take()?);
-                    self.remember(place)?;
+                    let index = u32::from_le_bytes(self.take()?);
+                    self.memoize(index)?;
                 }
                 // MEMOIZE
-                0x94 => self.remember(self.memory.len() as u32)?,
+                0x94 => self.memoize(self.memo.len() as u32)?,
                 b'h' => {
-                    let [place] = self.take()?;
-                    self.recall(place.into())?;
+                    let [index] = self.take()?;
+                    self.get_memo(index.into())?;
                 }
                 b'j' => {
-                    let place = u32::from_le_bytes(self.take()?);
-                    self.recall(place)?;
+                    let index = u32::from_le_bytes(self.take()?);
+                    self.get_memo(index)?;
                 }
                 b'Q' => {
                     let storage = storage(&self.pop()?.0)?;
@@ -148,17 +152,17 @@ impl Machine<'_> {
                 }
                 b'R' => {
                     let (arguments, name) = (self.pop()?.0, self.pop()?.0);
-                    self.push(built(&name, &arguments)?, 1)?;
+                    self.push(call(&name, &arguments)?, 1)?;
                 }
                 b's' => {
                     let (value, key) = (self.pop()?, self.pop()?);
                     self.add(vec![key, value])?;
                 }
                 b'u' => {
-                    let entries = self.marked()?;
+                    let entries = self.pop_to_mark()?;
                     self.add(entries)?;
                 }
-                b'e' => drop(self.marked()?),
+                b'e' => drop(self.pop_to_mark()?),
                 // A value of a list, which does not matter, or attributes of a dictionary.
                 b'a' | b'b' => drop(self.pop()?),
                 b'.' => return Ok(self.pop()?.0),
@@ -171,7 +175,7 @@ impl Machine<'_> {
         }
     }
 
-    fn bytes(&mut self, count: usize) -> Outcome<&[u8]> {
+    fn bytes(&mut self, count: usize) -> Parsed<&[u8]> {
         let (taken, rest) = self
             .program
             .split_at_checked(count)
@@ -185,7 +189,7 @@ impl Machine<'_> {
         Ok(std::array::from_fn(|i| bytes[i]))
     }
 
-    fn line(&mut self) -> Outcome<String> {
+    fn line(&mut self) -> Parsed<String> {
         let end = self.program.iter().position(|byte| *byte == b'\n');
         let end = end.ok_or("is described by a program that ends early")?;
         let text = String::from_utf8_lossy(self.bytes(end)?).into_owned();
@@ -193,45 +197,45 @@ impl Machine<'_> {
         Ok(text)
     }
 
-    fn text(&mut self, length: usize) -> Outcome<()> {
+    fn text(&mut self, length: usize) -> Parsed<()> {
         let text: Rc<str> = String::from_utf8_lossy(self.bytes(length)?).into();
         self.push(Value::Text(text), 1)
     }
 
-    fn push(&mut self, value: Value, depth: usize) -> Outcome<()> {
-        if depth > DEEPEST {
-            return Err(format!("nests values more than {DEEPEST} deep"));
+    fn push(&mut self, value: Value, depth: usize) -> Parsed<()> {
+        if depth > MAX_DEPTH {
+            return Err(format!("nests values more than {MAX_DEPTH} deep"));
         }
         self.stack.push((value, depth));
         Ok(())
     }
 
-    fn pop(&mut self) -> Outcome<(Value, usize)> {
+    fn pop(&mut self) -> Parsed<(Value, usize)> {
         let bottom = self.marks.last().copied().unwrap_or(0);
         if self.stack.len() <= bottom {
-            return Err(empty());
+            return Err(stack_underflow());
         }
-        self.stack.pop().ok_or_else(empty)
+        self.stack.pop().ok_or_else(stack_underflow)
     }
 
     /// All values since the last mark.
-    fn marked(&mut self) -> Outcome<Vec<(Value, usize)>> {
-        let mark = self.marks.pop().ok_or_else(empty)?;
+    fn pop_to_mark(&mut self) -> Parsed<Vec<(Value, usize)>> {
+        let mark = self.marks.pop().ok_or_else(stack_underflow)?;
         if mark > self.stack.len() {
-            return Err(empty());
+            return Err(stack_underflow());
         }
         Ok(self.stack.split_off(mark))
     }
 
-    fn tuple(&mut self, values: Vec<(Value, usize)>) -> Outcome<()> {
+    fn tuple(&mut self, values: Vec<(Value, usize)>) -> Parsed<()> {
         let depth = values.iter().map(|(_, depth)| *depth).max().unwrap_or(0);
         let values: Vec<Value> = values.into_iter().map(|(value, _)| value).collect();
         self.push(Value::Tuple(values.into()), depth + 1)
     }
 
     /// Adds keys and values in turns to the dictionary on top.
-    fn add(&mut self, entries: Vec<(Value, usize)>) -> Outcome<()> {
-        let (Value::Names(names), depth) = self.stack.last_mut().ok_or_else(empty)? else {
+    fn add(&mut self, entries: Vec<(Value, usize)>) -> Parsed<()> {
+        let (Value::Dict(names), depth) = self.stack.last_mut().ok_or_else(stack_underflow)? else {
             return Err("sets entries of something else than a dictionary".into());
         };
         let mut entries = entries.into_iter();
@@ -239,36 +243,36 @@ impl Machine<'_> {
             *depth = (*depth).max(inner + 1);
             names.push((key, value));
         }
-        if *depth > DEEPEST {
-            return Err(format!("nests values more than {DEEPEST} deep"));
+        if *depth > MAX_DEPTH {
+            return Err(format!("nests values more than {MAX_DEPTH} deep"));
         }
         Ok(())
     }
 
-    fn remember(&mut self, place: u32) -> Outcome<()> {
-        let (value, depth) = self.stack.last().ok_or_else(empty)?;
+    fn memoize(&mut self, index: u32) -> Parsed<()> {
+        let (value, depth) = self.stack.last().ok_or_else(stack_underflow)?;
         let value = match value {
             // It is filled afterwards, so that what is recalled would be another one.
-            Value::Names(_) => Value::Other,
+            Value::Dict(_) => Value::Other,
             value => value.clone(),
         };
-        self.memory.insert(place, (value, *depth));
+        self.memo.insert(index, (value, *depth));
         Ok(())
     }
 
-    fn recall(&mut self, place: u32) -> Outcome<()> {
-        let found = self.memory.get(&place).cloned();
+    fn get_memo(&mut self, index: u32) -> Parsed<()> {
+        let found = self.memo.get(&index).cloned();
         let (value, depth) = found.ok_or("recalls what was not stored")?;
         self.push(value, depth)
     }
 }
 
-fn empty() -> String {
+fn stack_underflow() -> String {
     "takes more values than there are".into()
 }
 
 /// A number of so many bytes, the least first.
-fn long(bytes: &[u8]) -> Outcome<i64> {
+fn decode_long(bytes: &[u8]) -> Parsed<i64> {
     if bytes.len() > 8 {
         return Err("has a number of more than 64 bits".into());
     }
@@ -279,11 +283,11 @@ fn long(bytes: &[u8]) -> Outcome<i64> {
 }
 
 /// What `("storage", class, key, device, count)` refers to.
-fn storage(value: &Value) -> Outcome<Value> {
+fn storage(value: &Value) -> Parsed<Value> {
     match value {
         Value::Tuple(parts) => match &parts[..] {
             [_, Value::Name(class), Value::Text(key), ..] => {
-                let kind = class.strip_prefix("torch.").and_then(Kind::of_storage);
+                let kind = class.strip_prefix("torch.").and_then(FloatType::of_storage);
                 Ok(Value::Storage(key.clone(), kind))
             }
             _ => Err("refers to something else than a storage".into()),
@@ -293,12 +297,12 @@ fn storage(value: &Value) -> Outcome<Value> {
 }
 
 /// What a function of Python would answer, for the few that tensors need.
-fn built(name: &Value, arguments: &Value) -> Outcome<Value> {
+fn call(name: &Value, arguments: &Value) -> Parsed<Value> {
     let (Value::Name(name), Value::Tuple(arguments)) = (name, arguments) else {
         return Err("calls something else than a named function".into());
     };
     match (&**name, &arguments[..]) {
-        ("collections.OrderedDict", _) => Ok(Value::Names(Vec::new())),
+        ("collections.OrderedDict", _) => Ok(Value::Dict(Vec::new())),
         ("torch._utils._rebuild_parameter", [tensor @ Value::Tensor(_), ..]) => Ok(tensor.clone()),
         (
             "torch._utils._rebuild_tensor_v2",
@@ -310,7 +314,7 @@ fn built(name: &Value, arguments: &Value) -> Outcome<Value> {
                 ..,
             ],
         ) => {
-            let stored = Stored {
+            let stored = StoredTensor {
                 storage: key.clone(),
                 kind: *kind,
                 offset: usize::try_from(*offset).map_err(|_| "has a negative offset")?,
@@ -326,7 +330,7 @@ fn built(name: &Value, arguments: &Value) -> Outcome<Value> {
     }
 }
 
-fn sides(value: &Value) -> Outcome<Vec<usize>> {
+fn sides(value: &Value) -> Parsed<Vec<usize>> {
     let wrong = || "has a tensor without a shape".to_owned();
     let Value::Tuple(values) = value else {
         return Err(wrong());
@@ -379,10 +383,10 @@ mod tests {
 
     #[test]
     fn long_numbers_have_a_sign() {
-        assert_eq!(long(&[]), Ok(0));
-        assert_eq!(long(&[0xff]), Ok(-1));
-        assert_eq!(long(&[0x00, 0x80]), Ok(-32_768));
-        assert_eq!(long(&[0xff, 0x00]), Ok(255));
+        assert_eq!(decode_long(&[]), Ok(0));
+        assert_eq!(decode_long(&[0xff]), Ok(-1));
+        assert_eq!(decode_long(&[0x00, 0x80]), Ok(-32_768));
+        assert_eq!(decode_long(&[0xff, 0x00]), Ok(255));
     }
 
     proptest! {

@@ -45,11 +45,11 @@ fn date(seconds: u64) -> String {
 /// What differs between two records, one line a value: `fit.robust: null, now "cauchy"`.
 pub fn differences(before: &Value, now: &Value) -> Vec<String> {
     let mut found = Vec::new();
-    collect(&mut found, "", before, now);
+    add_differences(&mut found, "", before, now);
     found
 }
 
-fn collect(found: &mut Vec<String>, name: &str, before: &Value, now: &Value) {
+fn add_differences(found: &mut Vec<String>, name: &str, before: &Value, now: &Value) {
     if let (Value::Object(old), Value::Object(new)) = (before, now) {
         let added = new.keys().filter(|key| !old.contains_key(*key));
         for key in old.keys().chain(added) {
@@ -60,7 +60,7 @@ fn collect(found: &mut Vec<String>, name: &str, before: &Value, now: &Value) {
             };
             let value = |of: &serde_json::Map<String, Value>| of.get(key).cloned();
             let (old, new) = (value(old), value(new));
-            collect(
+            add_differences(
                 found,
                 &name,
                 &old.unwrap_or_default(),
@@ -76,28 +76,28 @@ fn collect(found: &mut Vec<String>, name: &str, before: &Value, now: &Value) {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn file(path: &Path) -> Result<String> {
+pub fn file_hash(path: &Path) -> Result<String> {
     let mut hash = Hash::new();
     hash.add_file(path)?;
-    Ok(hash.name())
+    Ok(hash.text())
 }
 
 /// What is in memory, by its contents and where one part ends and the next begins.
-pub fn bytes(parts: &[&[u8]]) -> String {
+pub fn bytes_hash(parts: &[&[u8]]) -> String {
     let mut hash = Hash::new();
     for part in parts {
         hash.add(&(part.len() as u64).to_le_bytes());
         hash.add(part);
     }
-    hash.name()
+    hash.text()
 }
 
 /// A file without reading it: its size in bytes, and when it was last written, in nanoseconds since
 /// 1970; nothing if it is missing.
-pub type Stamp = Option<(u64, u64)>;
+pub type FileStamp = Option<(u64, u64)>;
 
 /// A file without reading it.
-pub fn stamp(path: &Path) -> Stamp {
+pub fn file_stamp(path: &Path) -> FileStamp {
     let found = std::fs::metadata(path).ok()?;
     let written = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
     Some((found.len(), written.as_nanos() as u64))
@@ -108,7 +108,7 @@ pub fn stamp(path: &Path) -> Stamp {
 ///
 /// # Errors
 /// It cannot be read.
-pub fn folder(path: &Path, endings: &[&str]) -> Result<String> {
+pub fn folder_hash(path: &Path, endings: &[&str]) -> Result<String> {
     let mut files = Vec::new();
     files_below(path, 0, &mut files)?;
     files.retain(|file| {
@@ -123,11 +123,11 @@ pub fn folder(path: &Path, endings: &[&str]) -> Result<String> {
         hash.add(&[0]);
         hash.add_file(&file)?;
     }
-    Ok(hash.name())
+    Ok(hash.text())
 }
 
 /// Links may lead in circles; no data set is deeper.
-const DEEPEST: usize = 16;
+const MAX_DEPTH: usize = 16;
 
 fn files_below(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<()> {
     let entries = std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))?;
@@ -135,7 +135,7 @@ fn files_below(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<
         let path = entry.map_err(|e| Error::read(folder, e))?.path();
         if !path.is_dir() {
             files.push(path);
-        } else if depth < DEEPEST {
+        } else if depth < MAX_DEPTH {
             files_below(&path, depth + 1, files)?;
         }
     }
@@ -174,7 +174,7 @@ impl Hash {
         }
     }
 
-    fn name(&self) -> String {
+    fn text(&self) -> String {
         format!("{:016x}, {} bytes", self.state, self.bytes)
     }
 }
@@ -216,8 +216,11 @@ mod tests {
         std::fs::create_dir(at("below")).unwrap();
         std::fs::write(at("a.npy"), b"foobar").unwrap();
         // FNV-1a, 64 bits, of "foobar", as published with the algorithm.
-        assert_eq!(file(&at("a.npy")).unwrap(), "85944171f73967e8, 6 bytes");
-        let whole = || folder(root.path(), &["npy"]).unwrap();
+        assert_eq!(
+            file_hash(&at("a.npy")).unwrap(),
+            "85944171f73967e8, 6 bytes"
+        );
+        let whole = || folder_hash(root.path(), &["npy"]).unwrap();
         let mut seen = vec![whole()];
         std::fs::write(at("a.npy"), b"foobaz").unwrap();
         seen.push(whole());

@@ -1,7 +1,7 @@
-//! `PyTorch`'s files: an archive of a pickle, which says what tensors there are, and of their values.
+//! `PyTorch`'s files: an archive of a pickle, which describes the tensors, and of their values.
 
 use super::pickle::{Value, run};
-use super::stored::Stored;
+use super::stored::StoredTensor;
 use lsdc_core::weights::Tensor;
 use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use std::rc::Rc;
 use zip::ZipArchive;
 
 /// Longer descriptions are not those of a few hundred tensors.
-const MOST_BYTES: u64 = 1 << 26;
+const MAX_BYTES: u64 = 1 << 26;
 
 /// The tensors of a file by their names.
 ///
@@ -25,44 +25,46 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>
         .file_names()
         .find_map(|name| Some(name.ok()?.strip_suffix("data.pkl")?.to_owned()))
         .ok_or_else(|| Error::format(path, "is an archive without `data.pkl`"))?;
-    let mut entry = |name: &str, most: u64| -> Result<Vec<u8>> {
+    let mut entry = |name: &str, limit: u64| -> Result<Vec<u8>> {
         let entry = archive
             .by_name(&format!("{folder}{name}"))
             .map_err(damaged)?;
         let length = entry.size();
-        if length > most {
-            let what = format!("`{name}` declares {length} bytes, more than {most}");
+        if length > limit {
+            let what = format!("`{name}` declares {length} bytes, more than {limit}");
             return Err(Error::format(path, what));
         }
         let mut bytes = Vec::new();
-        let read = entry.take(most).read_to_end(&mut bytes);
+        let read = entry.take(limit).read_to_end(&mut bytes);
         read.map_err(|e| damaged(e.into()))?;
         Ok(bytes)
     };
-    let program = entry("data.pkl", MOST_BYTES)?;
+    let program = entry("data.pkl", MAX_BYTES)?;
     let found = run(&program).map_err(|what| Error::format(path, what))?;
     let mut stored = Vec::new();
     collect(found, &mut stored);
     // Storages lie in the file as they are, and few tensors share one: whatever is declared, memory is bounded by the file.
-    let (mut left, mut room) = (bytes.len() as u64, 2 * bytes.len());
+    let (mut file_bytes_left, mut tensor_bytes_left) = (bytes.len() as u64, 2 * bytes.len());
     let mut storages: BTreeMap<Rc<str>, Vec<u8>> = BTreeMap::new();
     let mut tensors = BTreeMap::new();
-    for (name, of) in stored {
-        let Some(kind) = of.kind else { continue };
-        if !storages.contains_key(&of.storage) {
-            let values = entry(&format!("data/{}", of.storage), left)?;
-            left -= values.len() as u64;
-            storages.insert(of.storage.clone(), values);
+    for (name, layout) in stored {
+        let Some(kind) = layout.kind else { continue };
+        if !storages.contains_key(&layout.storage) {
+            let values = entry(&format!("data/{}", layout.storage), file_bytes_left)?;
+            file_bytes_left -= values.len() as u64;
+            storages.insert(layout.storage.clone(), values);
         }
-        let values = storages.get(&of.storage).map_or(&[][..], Vec::as_slice);
-        let rest = of.bytes(kind).and_then(|size| room.checked_sub(size));
-        room = rest.ok_or_else(|| {
+        let values = storages.get(&layout.storage).map_or(&[][..], Vec::as_slice);
+        let bytes_after = layout
+            .bytes(kind)
+            .and_then(|size| tensor_bytes_left.checked_sub(size));
+        tensor_bytes_left = bytes_after.ok_or_else(|| {
             Error::format(
                 path,
                 format!("`{name}` declares more values than the file has"),
             )
         })?;
-        let tensor = of.tensor(kind, values).ok_or_else(|| {
+        let tensor = layout.tensor(kind, values).ok_or_else(|| {
             Error::format(path, format!("`{name}` has fewer values than it should"))
         })?;
         tensors.insert(name, tensor);
@@ -71,12 +73,12 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>
 }
 
 /// The tensors of a dictionary, and of those in it that files of a training have.
-pub(super) fn collect(value: Value, found: &mut Vec<(String, Rc<Stored>)>) {
-    let Value::Names(entries) = value else { return };
+pub(super) fn collect(value: Value, found: &mut Vec<(String, Rc<StoredTensor>)>) {
+    let Value::Dict(entries) = value else { return };
     for (key, value) in entries {
         match (key, value) {
             (Value::Text(name), Value::Tensor(tensor)) => found.push((name.to_string(), tensor)),
-            (Value::Text(name), inner @ Value::Names(_))
+            (Value::Text(name), inner @ Value::Dict(_))
                 if ["state_dict", "model", "teacher"].contains(&&*name) =>
             {
                 collect(inner, found);

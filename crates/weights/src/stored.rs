@@ -1,18 +1,19 @@
 //! Tensors as files describe them: how their numbers are stored, and where.
 
+use half::slice::{HalfBitsSliceExt as _, HalfFloatSliceExt as _};
 use half::{bf16, f16};
 use lsdc_core::weights::Tensor;
 use std::rc::Rc;
 
 /// How numbers are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum FloatType {
     F32,
     F16,
     Bf16,
 }
 
-impl Kind {
+impl FloatType {
     pub(super) fn of_storage(name: &str) -> Option<Self> {
         match name {
             "FloatStorage" => Some(Self::F32),
@@ -42,6 +43,13 @@ impl Kind {
 
     /// Returns all numbers; what is left of a number is dropped.
     pub(super) fn values(self, bytes: &[u8]) -> Vec<f32> {
+        if self == Self::F16 {
+            // In whole slices, with the instructions of the processor: encoders have millions of values.
+            let (pairs, _) = bytes.as_chunks::<2>();
+            let bits: Vec<u16> = pairs.iter().map(|pair| u16::from_le_bytes(*pair)).collect();
+            let halves: &[f16] = bits.reinterpret_cast();
+            return halves.to_f32_vec();
+        }
         let each = bytes.chunks_exact(self.bytes());
         each.filter_map(|number| self.value(number)).collect()
     }
@@ -49,25 +57,25 @@ impl Kind {
 
 /// A tensor whose values are elsewhere.
 #[derive(Clone, Debug)]
-pub(super) struct Stored {
+pub(super) struct StoredTensor {
     pub(super) storage: Rc<str>,
     /// `None` for whole numbers.
-    pub(super) kind: Option<Kind>,
+    pub(super) kind: Option<FloatType>,
     pub(super) offset: usize,
     pub(super) shape: Vec<usize>,
     pub(super) stride: Vec<usize>,
 }
 
-impl Stored {
+impl StoredTensor {
     /// Returns the number of bytes of the values; `None` if that is more than any memory has.
-    pub(super) fn bytes(&self, kind: Kind) -> Option<usize> {
+    pub(super) fn bytes(&self, kind: FloatType) -> Option<usize> {
         let mut sides = self.shape.iter();
         let count = sides.try_fold(1_usize, |n, &side| n.checked_mul(side))?;
         count.checked_mul(kind.bytes())
     }
 
     /// Returns the tensor, from the bytes of its storage; `None` if the storage has fewer values.
-    pub(super) fn tensor(&self, kind: Kind, bytes: &[u8]) -> Option<Tensor> {
+    pub(super) fn tensor(&self, kind: FloatType, bytes: &[u8]) -> Option<Tensor> {
         if self.stride.len() != self.shape.len() {
             return None;
         }
@@ -83,19 +91,19 @@ impl Stored {
         if size > values.len() {
             return None;
         }
-        let mut places = vec![0_usize];
+        let mut offsets = vec![0_usize];
         for (&side, &stride) in self.shape.iter().zip(&self.stride) {
-            let mut along = Vec::with_capacity(places.len() * side);
-            for place in places {
+            let mut along = Vec::with_capacity(offsets.len() * side);
+            for offset in offsets {
                 for i in 0..side {
-                    along.push(place.checked_add(i.checked_mul(stride)?)?);
+                    along.push(offset.checked_add(i.checked_mul(stride)?)?);
                 }
             }
-            places = along;
+            offsets = along;
         }
-        let mut found = Vec::with_capacity(places.len());
-        for place in places {
-            let start = place.checked_mul(kind.bytes())?;
+        let mut found = Vec::with_capacity(offsets.len());
+        for offset in offsets {
+            let start = offset.checked_mul(kind.bytes())?;
             found.push(kind.value(values.get(start..)?)?);
         }
         Tensor::new(self.shape.clone(), found)
@@ -118,17 +126,17 @@ mod tests {
 
     #[test]
     fn tensors_are_read_within_their_storage() {
-        let stored = |offset: usize, shape: &[usize], stride: &[usize]| Stored {
+        let stored = |offset: usize, shape: &[usize], stride: &[usize]| StoredTensor {
             storage: "0".into(),
-            kind: Some(Kind::F32),
+            kind: Some(FloatType::F32),
             offset,
             shape: shape.to_vec(),
             stride: stride.to_vec(),
         };
         let bytes: Vec<u8> = (0..6_u8).flat_map(|v| f32::from(v).to_le_bytes()).collect();
-        let read = |stored: Stored| {
+        let read = |stored: StoredTensor| {
             stored
-                .tensor(Kind::F32, &bytes)
+                .tensor(FloatType::F32, &bytes)
                 .map(|t| t.values().to_vec())
         };
         assert_eq!(

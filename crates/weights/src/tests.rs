@@ -8,7 +8,7 @@ pub(super) const PYTORCH: &[u8] = include_bytes!("../../../tests/golden/encoder.
 pub(super) const TRANSFORMERS: &[u8] = include_bytes!("../../../tests/golden/encoder.safetensors");
 
 /// What is known of it. Its identity was computed in Python.
-pub(super) const TINY: Known = Known {
+pub(super) const TINY: KnownEncoder = KnownEncoder {
     weights: "tiny",
     name: "a tiny encoder",
     licence: "CC0-1.0",
@@ -21,9 +21,10 @@ pub(super) const TINY: Known = Known {
         side: 4,
         taps: vec![0, 2],
     },
-    places: &["https://example.org/tiny.pth"],
-    download: 60_000,
-    cost: "nothing",
+    urls: &["https://example.org/tiny.pth"],
+    download_bytes: 60_000,
+    extra_time: "nothing",
+    head: None,
 };
 
 fn read(bytes: &[u8], name: &str) -> Result<BTreeMap<String, Tensor>> {
@@ -81,7 +82,7 @@ fn an_encoder_is_recognised_by_its_values() {
     let sound = read(PYTORCH, "a.pth").unwrap();
     let known = [ANYTHING, TINY];
     assert_eq!(recognise(path, &sound, &known).unwrap().weights, "tiny");
-    let refused = |tensors: &BTreeMap<String, Tensor>, known: &[Known]| {
+    let refused = |tensors: &BTreeMap<String, Tensor>, known: &[KnownEncoder]| {
         let error = recognise(path, tensors, known).unwrap_err();
         format!("{error} {}", error.advice().unwrap())
     };
@@ -99,7 +100,7 @@ fn an_encoder_is_recognised_by_its_values() {
         values[3] = f32::from_bits(values[3].to_bits() + (1 << 13));
         Tensor::new(tensor.shape().to_vec(), values)
     });
-    let said = refused(&other, &known);
+    let message = refused(&other, &known);
     for words in [
         "a.pth",
         "other values",
@@ -107,7 +108,7 @@ fn an_encoder_is_recognised_by_its_values() {
         "f1db05f0b25c",
         "dinov2_vits14",
     ] {
-        assert!(said.contains(words), "{said}");
+        assert!(message.contains(words), "{message}");
     }
     // One that half precision does not have.
     let finer = changed("norm.bias", &|tensor| {
@@ -124,19 +125,19 @@ fn an_encoder_is_recognised_by_its_values() {
         (reshaped, "has `cls_token` of shape 16 instead of 1x1x16"),
         (changed("norm.bias", &|_| None), "has no `norm.bias`"),
     ] {
-        let said = refused(&tensors, &[TINY]);
+        let message = refused(&tensors, &[TINY]);
         assert!(
-            said.contains(words) && said.contains("a tiny encoder"),
-            "{said}"
+            message.contains(words) && message.contains("a tiny encoder"),
+            "{message}"
         );
     }
     let mut more = sound.clone();
     more.insert("blocks.3.norm1.bias".into(), sound["norm.bias"].clone());
     assert!(refused(&more, &[TINY]).contains("has `blocks.3.norm1.bias` too"));
-    let said = refused(&sound, &KNOWN);
+    let message = refused(&sound, &KNOWN);
     assert!(
-        said.contains("is not the encoder of Depth Anything V2 Small"),
-        "{said}"
+        message.contains("is not the encoder of Depth Anything V2 Small"),
+        "{message}"
     );
 }
 

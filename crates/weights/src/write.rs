@@ -1,6 +1,7 @@
 //! Writing weights files: safetensors, with metadata on what they belong to.
 
 use crate::error::{Error, Result};
+use crate::known::f16_bytes;
 use lsdc_core::Weights;
 use lsdc_core::weights::{NETWORK, NORMALISATION, TABLE, Tensor, VERSION};
 use safetensors::tensor::{Dtype, TensorView};
@@ -72,13 +73,10 @@ pub fn stored_bytes<'a>(
 
 /// Type, shape and bytes of a tensor in a file.
 fn stored(tensor: &Tensor, precision: Precision) -> (Dtype, &[usize], Vec<u8>) {
-    let values = tensor.values().iter();
-    let fit = values.clone().all(|v| v.abs() <= half::f16::MAX.to_f32());
-    if precision == Precision::Half && fit {
-        let halves = values.map(|v| half::f16::from_f32(*v));
-        let bytes = halves.flat_map(half::f16::to_le_bytes).collect();
-        return (Dtype::F16, tensor.shape(), bytes);
+    let mut values = tensor.values().iter();
+    if precision == Precision::Half && values.all(|v| v.abs() <= half::f16::MAX.to_f32()) {
+        return (Dtype::F16, tensor.shape(), f16_bytes(tensor));
     }
-    let bytes = values.flat_map(|v| v.to_le_bytes()).collect();
-    (Dtype::F32, tensor.shape(), bytes)
+    let bytes = tensor.values().iter().flat_map(|v| v.to_le_bytes());
+    (Dtype::F32, tensor.shape(), bytes.collect())
 }

@@ -4,10 +4,9 @@ use super::values::{Format, deviation, edge, noise, preserve, range, size, typed
 use super::{FitFlags, Model, Recorded, Settings};
 use clap::Args as ClapArgs;
 use lsdc_core::DepthNoise;
-use lsdc_eval::data::{Camera, DepthKind, GuideSource, Shard, Unit};
-use lsdc_eval::predict::{Method, Preserve};
+use lsdc_eval::data::{Camera, DepthKind, Shard, Unit};
+use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
-use lsdc_files::CloudOptions;
 use std::path::PathBuf;
 
 #[derive(Clone, Debug, ClapArgs)]
@@ -100,8 +99,12 @@ pub(in crate::cli) struct Complete {
     /// Size of the result, as WIDTHxHEIGHT [default: the size of the image].
     #[arg(long, value_parser = size, help_heading = "Output")]
     pub(in crate::cli) size: Option<Size>,
-    /// Completion method: lsdc, nearest, linear, linear-inverse, idw, tps, wls, levin, steering, ip-basic; with weights of
-    /// their own, given by --weights, s2d, cspn, lsk (`lsdc eval --help` says which publication each is from).
+    /// Completion method: lsdc, nearest, linear, linear-inverse, idw, tps, wls, levin, steering, ip-basic (`lsdc eval --help`
+    /// names the publications).
+    #[cfg_attr(
+        feature = "train",
+        doc = "With weights of their own, given by --weights: s2d, cspn, lsk."
+    )]
     #[arg(long, value_parser = typed::<Method>, default_value = "lsdc", value_name = "NAME", help_heading = "Fit", hide_short_help = true)]
     pub(in crate::cli) method: Method,
     #[command(flatten)]
@@ -136,14 +139,19 @@ pub(in crate::cli) struct Complete {
     /// (Fankhauser et al. 2015). Needs --depth-unit for depths in integers, whose unit would be a guess.
     #[arg(long, value_parser = noise, value_name = "MODEL", help_heading = "Input", allow_hyphen_values = true)]
     pub(in crate::cli) noise: Option<DepthNoise>,
-    /// Dense depth prediction to use as a guide. KIND: depth, disparity or log [default: depth].
+    /// Dense depth prediction to use as a guide: FILE[:KIND] or depth-anything[:SIDE].
     ///
-    /// A prediction by another network or program, which need not be of the image's size: npy, npz, PNG, TIFF, EXR, PFM or
-    /// HDF5. Disparity is inverse depth, as in `map.npy:disparity`. The fit finds its scale and shift, and from the
-    /// points how far to trust it. For several images: a folder of such files with matching names. It shows the upright
-    /// image. With --weights none, depth is completed from the guide without a network.
-    #[arg(long, value_parser = typed::<GuideSource>, value_name = "FILE[:KIND]", help_heading = "Input")]
-    pub(in crate::cli) guide: Option<GuideSource>,
+    /// A prediction by another network or program, which need not be of the image's size: npy, npz, PNG, TIFF, EXR, PFM
+    /// or HDF5. KIND: depth, disparity or log [default: depth]. Disparity is inverse depth, as in `map.npy:disparity`.
+    /// The fit finds its scale and shift, and from the points how far to trust it. For several images: a folder of such
+    /// files with matching names. It shows the upright image. With --weights none, depth is completed from the guide
+    /// without a network.
+    ///
+    /// depth-anything predicts the guide with Depth Anything V2 Small, which `lsdc weights get anything` or `lsdc
+    /// weights add` installs. SIDE is the shorter side of the image that it reads, 252 to 518 pixels [default: 336]. A
+    /// file of this name is ./depth-anything.
+    #[arg(long, value_parser = typed::<GuideSpec>, value_name = "GUIDE", help_heading = "Input")]
+    pub(in crate::cli) guide: Option<GuideSpec>,
     /// Also write the standard deviation of every pixel of the result, in metres.
     ///
     /// It is half the width of the interval that holds 68.3 % of errors. The summary has the number of standard deviations
@@ -182,15 +190,6 @@ pub(in crate::cli) struct Complete {
 }
 
 impl Complete {
-    /// Which pixels become points of a cloud.
-    pub(in crate::cli) fn cloud_options(&self) -> CloudOptions {
-        CloudOptions {
-            max_sigma: self.max_sigma,
-            keep_flying: self.keep_flying,
-            voxel: self.voxel,
-        }
-    }
-
     /// An option that was given and is for clouds alone.
     pub(in crate::cli) fn of_clouds(&self) -> Option<&'static str> {
         let options = [
@@ -204,7 +203,14 @@ impl Complete {
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Bench {
-    /// Size of image and result, as WIDTHxHEIGHT [default: 640x480; with --training 304x228].
+    #[cfg_attr(
+        feature = "train",
+        doc = "Size of image and result, as WIDTHxHEIGHT [default: 640x480; with --training 304x228]."
+    )]
+    #[cfg_attr(
+        not(feature = "train"),
+        doc = "Size of image and result, as WIDTHxHEIGHT [default: 640x480]."
+    )]
     #[arg(long, value_parser = size)]
     pub(in crate::cli) size: Option<Size>,
     /// Number of sparse points.
@@ -213,7 +219,11 @@ pub(in crate::cli) struct Bench {
     /// Number of completions or training steps to time, after one warm-up.
     #[arg(long, default_value_t = 15)]
     pub(in crate::cli) runs: usize,
-    /// The method: lsdc, one without training, or s2d, cspn or lsk with weights of their own (--weights).
+    /// Method: lsdc, or one without training.
+    #[cfg_attr(
+        feature = "train",
+        doc = "With weights of their own, given by --weights: s2d, cspn, lsk."
+    )]
     #[arg(long, value_parser = typed::<Method>, default_value = "lsdc", value_name = "NAME")]
     pub(in crate::cli) method: Method,
     #[command(flatten)]
@@ -226,6 +236,7 @@ pub(in crate::cli) struct Bench {
     /// paper's settings (two images, every pixel in the loss). Batch normalisation has fixed statistics if most steps of
     /// the run would.
     #[arg(long, conflicts_with_all = ["full", "points"])]
+    #[cfg_attr(not(feature = "train"), arg(hide = true))]
     pub(in crate::cli) training: bool,
     #[command(flatten)]
     pub(in crate::cli) settings: Settings,

@@ -3,9 +3,9 @@
 use super::values::{interpolation, named_file, named_folder, split, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
 use clap::Args as ClapArgs;
-use lsdc_eval::data::{GuideSource, Shard, Split};
+use lsdc_eval::data::{Shard, Split};
 use lsdc_eval::evaluation::EvalConfig;
-use lsdc_eval::predict::Method;
+use lsdc_eval::predict::{GuideSpec, Method};
 use lsdc_eval::sampling::{HoldOut, Interpolation, Noise, Pattern};
 use std::path::PathBuf;
 
@@ -39,20 +39,24 @@ pub(in crate::cli) struct Eval {
     pub(in crate::cli) depth_resize: Option<Interpolation>,
     /// Methods to compare, on the same points [default: lsdc,linear]: lsdc (Fang et al., Depth-Independent Depth Completion
     /// via Least Square Estimation, with a field), nearest, linear (Delaunay), linear-inverse (the same of inverse depth), idw
-    /// (Shepard 1968), tps (Duchon 1977), wls (Farbman et al. 2008), levin (Levin et al. 2004), steering (Takeda et al. 2007), ip-basic (Ku et al. 2018); with
-    /// weights of their own, given by --weights: s2d (Ma and Karaman, Sparse-to-Dense, ICRA 2018), cspn (Cheng, Wang and
-    /// Yang, ECCV 2018), lsk (Liu et al., Learning Steering Kernels, TIP 2021).
+    /// (Shepard 1968), tps (Duchon 1977), wls (Farbman et al. 2008), levin (Levin et al. 2004), steering (Takeda et al. 2007), ip-basic (Ku et al. 2018).
+    #[cfg_attr(
+        feature = "train",
+        doc = "With weights of their own, given by --weights: s2d (Ma and Karaman, Sparse-to-Dense, ICRA 2018), cspn (Cheng, Wang and Yang, ECCV 2018), lsk (Liu et al., Learning Steering Kernels, TIP 2021)."
+    )]
     #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES", help_heading = "Methods")]
     pub(in crate::cli) method: Vec<Method>,
     /// Also measure a system trained here, from its weights file: one of s2d, cspn or lsk; may be repeated.
     #[arg(long, value_parser = named_file, value_name = "[NAME=]FILE", help_heading = "Methods", hide_short_help = true)]
+    #[cfg_attr(not(feature = "train"), arg(hide = true))]
     pub(in crate::cli) system: Vec<(Option<String>, PathBuf)>,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
     /// Give `lsdc` dense predictions of other programs as guides: a folder of files with the names of the frames, and
     /// what they hold (depth, disparity or log), as for `complete`. They belong to the frames that `lsdc export` writes.
-    #[arg(long, value_parser = typed::<GuideSource>, value_name = "DIR[:KIND]", help_heading = "Methods", hide_short_help = true)]
-    pub(in crate::cli) guide: Option<GuideSource>,
+    /// Or depth-anything[:SIDE], as for `complete`.
+    #[arg(long, value_parser = typed::<GuideSpec>, value_name = "DIR[:KIND]", help_heading = "Methods", hide_short_help = true)]
+    pub(in crate::cli) guide: Option<GuideSpec>,
     /// Also evaluate the standard deviations of `lsdc`: how many errors they cover, and how well they
     /// rank the errors.
     #[arg(long, help_heading = "Methods", hide_short_help = true)]

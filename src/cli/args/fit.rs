@@ -1,16 +1,16 @@
 //! Arguments that override the fit settings stored with the weights.
 
-use super::values::{NamedFit, Robustness, prior_kind, space, typed};
+use super::values::{Robustness, fit_method, prior_kind, space};
 use clap::Args as ClapArgs;
-use lsdc_core::fit::{Changes, FitConfig, PriorKind, Space};
+use lsdc_core::fit::{Changes, FitConfig, FitMethod, PriorKind, Space};
 
 /// Settings of the fit, which override those stored with the weights.
 #[derive(Clone, Debug, ClapArgs)]
 pub(in crate::cli) struct FitFlags {
     /// Model of depth: lse (basis functions, as in the paper), field (smooth except across edges of
     /// the image), joint (both) [default: as stored with the weights].
-    #[arg(long = "fit", value_parser = typed::<NamedFit>, value_name = "METHOD", help_heading = "Fit", hide_short_help = true)]
-    fit_method: Option<NamedFit>,
+    #[arg(long = "fit", value_parser = fit_method(), value_name = "METHOD", help_heading = "Fit", hide_short_help = true)]
+    fit_method: Option<FitMethod>,
     /// Robust loss, which limits the influence of outliers: none, irls, huber, cauchy, gm, tukey or auto [default: as
     /// stored with the weights].
     ///
@@ -34,11 +34,6 @@ pub(in crate::cli) struct FitFlags {
 }
 
 impl FitFlags {
-    /// The notice about a renamed option.
-    pub(in crate::cli) fn remark(&self) -> Option<&'static str> {
-        self.fit_method?.remark()
-    }
-
     /// The flags that were given, but for `--robust none`.
     pub(in crate::cli) fn given(&self) -> impl Iterator<Item = &'static str> {
         let robust = self
@@ -54,13 +49,18 @@ impl FitFlags {
         given.map(|(name, _)| name)
     }
 
-    /// Overrides settings with the flags.
-    pub(in crate::cli) fn apply(&self, fit: &mut FitConfig) {
-        *fit = fit.changed(&Changes {
-            method: self.fit_method.map(|named| named.method),
+    /// The settings that the flags override.
+    pub(in crate::cli) fn changes(&self) -> Changes {
+        Changes {
+            method: self.fit_method,
             robust: self.robust.map(Robustness::settings),
             prior: self.prior,
             space: self.space,
-        });
+        }
+    }
+
+    /// Overrides settings with the flags.
+    pub(in crate::cli) fn apply(&self, fit: &mut FitConfig) {
+        *fit = fit.changed(&self.changes());
     }
 }

@@ -101,20 +101,6 @@ pub(super) enum Command {
     Man(Manual),
 }
 
-impl Command {
-    /// The notice about a renamed option.
-    pub(super) fn remark(&self) -> Option<&'static str> {
-        match self {
-            Self::Complete(args) => args.fit.remark(),
-            Self::Eval(args) => args.fit.remark(),
-            Self::Bench(args) => args.fit.remark(),
-            #[cfg(feature = "train")]
-            Self::Calibrate(args) => args.fit_method?.remark(),
-            _ => None,
-        }
-    }
-}
-
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct Model {
     /// Weights file, or a name listed by `lsdc weights list` [default: `default`, the most accurate weights that need
@@ -126,7 +112,14 @@ pub(super) struct Model {
         hide_short_help = true
     )]
     pub(super) weights: Option<PathBuf>,
-    /// Compute device: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
+    #[cfg_attr(
+        feature = "train",
+        doc = "Compute device: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray."
+    )]
+    #[cfg_attr(
+        not(feature = "train"),
+        doc = "Compute device: cpu, the only one of this build."
+    )]
     #[arg(
         long,
         default_value = "cpu",

@@ -1,9 +1,10 @@
 //! Arguments of `complete` for recordings.
 
 use clap::{Args as ClapArgs, ValueEnum};
+use serde::Serialize;
 
 /// What is completed of a recording, and how it is written.
-#[derive(Clone, Debug, ClapArgs)]
+#[derive(Clone, Debug, ClapArgs, Serialize)]
 #[command(next_help_heading = "Recordings")]
 pub(in crate::cli) struct Recorded {
     /// Topic of the images, as `lsdc inspect` lists them (images or compressed images) [default: the only one].
@@ -34,12 +35,15 @@ pub(in crate::cli) struct Recorded {
     pub(in crate::cli) no_deskew: bool,
     /// With -o FILE.mcap: depths in m (32FC1) or mm (16UC1).
     #[arg(long, value_enum, default_value = "m", hide_short_help = true)]
+    #[serde(skip)]
     pub(in crate::cli) units: Units,
     /// With -o FILE.mcap: also write the depths as clouds.
     #[arg(long, hide_short_help = true)]
+    #[serde(skip)]
     pub(in crate::cli) cloud: bool,
     /// With -o FILE.mcap: also copy all messages of the recording, unchanged.
     #[arg(long, hide_short_help = true)]
+    #[serde(skip)]
     pub(in crate::cli) copy: bool,
 }
 

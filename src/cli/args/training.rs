@@ -1,8 +1,9 @@
 //! Arguments of `train`, `calibrate` and `weights`.
 
-use super::values::{NamedFit, trainable, typed};
+use super::values::{fit_method, trainable};
 use super::{Model, Settings, Source};
 use clap::Args as ClapArgs;
+use lsdc_core::fit::FitMethod;
 use lsdc_eval::data::Shard;
 use lsdc_eval::predict::Method;
 use std::path::PathBuf;
@@ -72,8 +73,8 @@ pub(in crate::cli) struct Calibrate {
     #[arg(long, conflicts_with_all = ["fit_method", "cosines"])]
     pub(in crate::cli) only_errors: bool,
     /// Calibrate for this fit instead of the one stored with the weights: lse, field, joint.
-    #[arg(long = "fit", value_parser = typed::<NamedFit>, value_name = "METHOD")]
-    pub(in crate::cli) fit_method: Option<NamedFit>,
+    #[arg(long = "fit", value_parser = fit_method(), value_name = "METHOD")]
+    pub(in crate::cli) fit_method: Option<FitMethod>,
     /// Highest frequency of the cosine basis of the joint fit; 0 for none [default: as stored with the
     /// weights].
     #[arg(long, alias = "waves", value_name = "F")]

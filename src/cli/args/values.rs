@@ -308,37 +308,7 @@ pub(super) fn space() -> impl TypedValueParser<Value = Space> {
     one_of(&Space::ALL, Space::name)
 }
 
-/// The deprecated name of the field; not to be confused with `--method wls`.
-const OLD_FIELD: &str = "wls";
-
-/// A model of depth, by its current or deprecated name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::cli) struct NamedFit {
-    pub(in crate::cli) method: FitMethod,
-    by_old_name: bool,
-}
-
-impl FromStr for NamedFit {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let by_old_name = text == OLD_FIELD;
-        let name = if by_old_name { "field" } else { text };
-        let method = FitMethod::ALL.into_iter().find(|m| m.name() == name);
-        let method = method.ok_or_else(|| {
-            Error::config(format!("`{text}` is no fit")).hint("lse, field or joint")
-        })?;
-        Ok(Self {
-            method,
-            by_old_name,
-        })
-    }
-}
-
-impl NamedFit {
-    /// The notice about a deprecated name.
-    pub(in crate::cli) fn remark(self) -> Option<&'static str> {
-        self.by_old_name
-            .then_some("`--fit wls` is called `--fit field` now")
-    }
+/// A model of depth, by its name.
+pub(super) fn fit_method() -> impl TypedValueParser<Value = FitMethod> {
+    one_of(&FitMethod::ALL, FitMethod::name)
 }

@@ -8,8 +8,8 @@ use super::args::{Bench, Model, Settings};
 use super::network::{open_completer, open_system};
 use super::{Exit, ui};
 use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc_eval::evaluation::{Times, median_ms, time, time_deviations};
-use lsdc_eval::predict::{Completes as _, Method, complete_classic};
+use lsdc_eval::evaluation::{CompletionTimes, median_ms, time, time_deviations};
+use lsdc_eval::predict::{DepthCompleter as _, Method, complete_classic};
 use lsdc_eval::sampling::{Pattern, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_kernels::simd::Level;
@@ -31,7 +31,7 @@ struct Setting {
 #[derive(Debug, Serialize)]
 struct Completing {
     #[serde(flatten)]
-    times: Times,
+    times: CompletionTimes,
     /// The standard deviation of every pixel, which the total does not contain.
     #[serde(skip_serializing_if = "Option::is_none")]
     deviation_ms: Option<f64>,

@@ -84,7 +84,7 @@ fn train(args: &Bench) -> Result<Training> {
         ..Normalisation::default()
     };
     let encoding = encoder_of(&network)?.map(|encoder| {
-        Encoding::new(encoder, normalisation, None).entering(first_adapted(&network))
+        Encoding::new(encoder, normalisation, None).tokens_before(first_adapted(&network))
     });
     let sampler = SamplerConfig {
         protocol: Protocol::default(),
@@ -99,15 +99,10 @@ fn train(args: &Bench) -> Result<Training> {
     let samples = Sampler::new(frames, order, sampler)?
         .encoded(encoding)
         .batch(0)?;
-    let batch = Batch::new(
-        &samples,
-        normalisation.mean,
-        normalisation.deviation,
-        &device,
-    )?;
+    let batch = Batch::new(&samples, normalisation, &device)?;
     let net = network.init(config.seed, &device)?;
     let blocks = adapted_blocks(&network, &device)?;
-    let mut learner = Learner::new(net, &fit, &config).adapting(blocks);
+    let mut learner = Learner::new(net, &fit, &config).with_adapted_blocks(blocks);
     // As most steps of a run are.
     if config.freeze_statistics < 0.5 {
         learner = learner.freeze_statistics();

@@ -3,18 +3,21 @@
 use super::calibration::Calibration;
 use super::failures::Failures;
 use super::flow::{self, finished};
-use super::formats::Forms;
 use super::frame::{Completed, Engine};
 use super::loaded::Loaded;
+use super::outputs::FormatData;
 use super::recorded::Recorded;
+use super::settings::Settings;
 use super::summary::Summary;
 use super::tally::Tally;
 use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
-use lsdc_eval::data::{self, Cloud, Shard};
+use lsdc_eval::data::{self, ColoredCloud, Shard};
+use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Cause, Error, Result};
 use lsdc_recordings::{
-    Frame, Header, Kind, Place, Recording, Times, Writer, write_cloud, write_depth,
+    Header, MessageLocation, MessageTimes, MessageType, Recording, SyncedFrame, Writer,
+    write_cloud, write_depth,
 };
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,37 +33,38 @@ const WAITING: usize = 2;
 
 /// The messages of a frame, and where its image is in the recording that it is from.
 struct Done {
-    place: Place,
-    times: Times,
+    location: MessageLocation,
+    times: MessageTimes,
     messages: Messages,
 }
 
 /// Topics, types and contents.
-type Messages = Vec<(&'static str, Kind, Vec<u8>)>;
+type Messages = Vec<(&'static str, MessageType, Vec<u8>)>;
 
 pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
     check(args, output)?;
-    let recorded = Recorded::open(args)?;
-    let source = if args.recorded.copy {
-        let source = Recording::open(&args.sparse)?;
+    let settings = &Settings::of_recording(args.clone(), output)?;
+    let recorded = Recorded::open(settings)?;
+    let source = if settings.recording.copy {
+        let source = Recording::open(&settings.sparse)?;
         check_names(&source)?;
         Some(source)
     } else {
         None
     };
-    recorded.tell(args.json);
-    let engine = Engine::new(args, args.json)?;
+    recorded.tell(settings.json);
+    let engine = Engine::new(settings, settings.json)?;
     let bag = Writer::create(output)?;
     let stop = ui::stop_flag();
-    let frames: Vec<(PathBuf, &Frame)> = recorded
+    let frames: Vec<(PathBuf, &SyncedFrame)> = recorded
         .frames()
         .iter()
         .map(|frame| (Recorded::name(frame), frame))
         .collect();
     let bar = ui::bar(frames.len(), "frames");
-    let failures = Failures::new(args.json).beside(&bar);
-    let mut tally = Tally::new(&bar, args.json);
-    let mut calibration = Calibration::new(args);
+    let failures = Failures::new(settings.json).beside(&bar);
+    let mut tally = Tally::new(&bar, settings.json);
+    let mut calibration = Calibration::new(settings);
     let (mut lost, mut broken) = (0, false);
 
     let bag = std::thread::scope(|scope| {
@@ -74,13 +78,14 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
             |(name, _)| name,
             |(_, frame)| {
                 let (header, loaded) = recorded.load(frame)?;
-                Ok((header, loaded.with_options(args)?))
+                Ok((header, loaded.with_options(settings)?))
             },
             |_, loaded, prepared| prepared.fit(&loaded.points, None),
             |(name, frame), header, loaded, completed| {
-                let (forms, messages, beyond) = messages(args, &header, loaded, completed)?;
+                let (format_data, messages, beyond) =
+                    messages(settings, &header, loaded, completed)?;
                 let done = Done {
-                    place: frame.place,
+                    location: frame.location,
                     times: frame.times,
                     messages,
                 };
@@ -91,7 +96,7 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
                     return Ok(());
                 }
                 lost += beyond;
-                tally.add(name, &Summary::new(name, loaded, completed, &forms));
+                tally.add(name, &Summary::new(name, loaded, completed, &format_data));
                 for warning in calibration.add(loaded, completed, Some((&recorded, frame))) {
                     tally.warn(&warning);
                 }
@@ -115,8 +120,8 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
         ));
     }
     bag.finish()?;
-    tally.tell(0, failed);
-    let tell = if args.json { ui::say } else { ui::tell };
+    tally.print_totals(0, failed);
+    let tell = if settings.json { ui::say } else { ui::tell };
     if lost > 0 {
         tell(&format!(
             "16UC1     {lost} pixels beyond 65.535 m hold no depth; give --units m"
@@ -138,7 +143,10 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
         ("`--outliers`", args.outliers),
         ("`--temporal`", args.temporal),
         ("`--sigma`", args.sigma.is_some()),
-        ("`--guide`", args.guide.is_some()),
+        (
+            "`--guide FILE`",
+            matches!(args.guide, Some(GuideSpec::Files(_))),
+        ),
         ("`--shard`", args.shard != Shard::WHOLE),
     ];
     if let Some((option, _)) = alien.into_iter().find(|(_, given)| *given) {
@@ -181,40 +189,43 @@ fn check_names(source: &Recording) -> Result<()> {
 
 /// The messages of a frame, and how many depths are too far for them.
 fn messages(
-    args: &Complete,
+    settings: &Settings,
     header: &Header,
     loaded: &Loaded,
     completed: &Completed,
-) -> Result<(Forms, Messages, usize)> {
-    let millimetres = args.recorded.units.is_millimetres();
-    let diagnostics = completed.diagnostics.as_ref();
-    let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
+) -> Result<(FormatData, Messages, usize)> {
+    let millimetres = settings.recording.units.is_millimetres();
+    let deviations = completed.deviations();
     let (depth, lost) = write_depth(header, &completed.depth, millimetres);
-    let mut messages = vec![(DEPTH, Kind::Image, depth)];
-    if let Some(sigma) = deviations.filter(|_| args.uncertainty) {
-        messages.push((SIGMA, Kind::Image, write_depth(header, sigma, false).0));
+    let mut messages = vec![(DEPTH, MessageType::Image, depth)];
+    if let Some(sigma) = deviations.filter(|_| settings.uncertainty) {
+        messages.push((
+            SIGMA,
+            MessageType::Image,
+            write_depth(header, sigma, false).0,
+        ));
     }
-    let mut forms = Forms::default();
-    if args.recorded.cloud {
+    let mut format_data = FormatData::default();
+    if settings.recording.cloud {
         let camera = loaded.camera.as_ref().ok_or_else(|| {
             Error::config("`--cloud` needs the camera of the images")
                 .hint("name it by --camera-info")
         })?;
-        let cloud = Cloud::new(
+        let cloud = ColoredCloud::new(
             completed.filled(),
             deviations,
             &loaded.rgb,
             camera,
-            &args.cloud_options(),
+            &settings.cloud_options(),
         );
         messages.push((
             POINTS,
-            Kind::PointCloud2,
+            MessageType::PointCloud2,
             write_cloud(header, &cloud.points),
         ));
-        forms.cloud = Some(cloud);
+        format_data.cloud = Some(cloud);
     }
-    Ok((forms, messages, lost))
+    Ok((format_data, messages, lost))
 }
 
 /// Writes frames as they come, each behind its image, if the recording that they are from is copied.
@@ -238,7 +249,7 @@ fn write(
             return Err(Error::new(Cause::Write, "the program was stopped"));
         }
         bag.copy(topic, message)?;
-        while let Some(frame) = next.take_if(|next| next.place <= message.place) {
+        while let Some(frame) = next.take_if(|next| next.location <= message.location) {
             put(&mut bag, frame)?;
             next = done.recv().ok();
         }

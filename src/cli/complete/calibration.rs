@@ -3,9 +3,9 @@
 use super::frame::Completed;
 use super::loaded::Loaded;
 use super::recorded::Recorded;
-use crate::cli::args::Complete;
+use super::settings::Settings;
 use lsdc_core::{Alignment, Comparison, Observations, Scene};
-use lsdc_recordings::Frame;
+use lsdc_recordings::SyncedFrame;
 
 /// Frames that are checked, each in the time of some fits.
 const FRAMES: usize = 5;
@@ -31,8 +31,8 @@ struct Check<T> {
 }
 
 impl Calibration {
-    pub(super) fn new(args: &Complete) -> Self {
-        let frames = if args.no_alignment { 0 } else { FRAMES };
+    pub(super) fn new(settings: &Settings) -> Self {
+        let frames = if settings.checks_alignment { FRAMES } else { 0 };
         Self {
             shifts: Check::new(frames),
             stamps: Check::new(frames),
@@ -45,7 +45,7 @@ impl Calibration {
         &mut self,
         frame: &Loaded,
         found: &Completed,
-        recorded: Option<(&Recorded, &Frame)>,
+        recorded: Option<(&Recorded, &SyncedFrame)>,
     ) -> Vec<String> {
         let Some(fit) = &found.diagnostics else {
             return Vec::new();
@@ -78,7 +78,7 @@ impl Calibration {
         &mut self,
         scene: &Scene,
         loaded: &Loaded,
-        (recorded, frame): (&Recorded, &Frame),
+        (recorded, frame): (&Recorded, &SyncedFrame),
     ) -> Option<String> {
         if self.stamps.frames_left == 0 {
             return None;

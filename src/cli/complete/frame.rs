@@ -1,14 +1,18 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
 use super::loaded::Loaded as Frame;
-use crate::cli::args::{Complete, Format, Model};
+use super::settings::Settings;
+use crate::cli::args::{Format, Model};
 use crate::cli::network::{open_completer, open_system};
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Scene};
 use lsdc_eval::data::{self, DepthMap, Sparse, Unit};
-use lsdc_eval::predict::{Classic, Completes, Method, complete_classic, guided_scene};
+use lsdc_eval::predict::{
+    Classic, DepthCompleter, GuideSpec, Method, MonocularGuide, complete_classic, guided_scene,
+};
 use lsdc_files::error::{Error, Result};
+use lsdc_files::{MOST_TESTED, clamped_pixels};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -16,8 +20,10 @@ use std::time::{Duration, Instant};
 
 /// What completes one frame after the other.
 pub(super) struct Engine<'a> {
-    args: &'a Complete,
+    settings: &'a Settings,
     method: Loaded,
+    /// The network that predicts guides, if one does.
+    monocular: Option<MonocularGuide>,
     /// Whether diagnostics are reported.
     explains: bool,
     counts_outliers: bool,
@@ -34,7 +40,7 @@ pub(super) enum Whole {
     /// A method without training.
     Untrained(Classic),
     /// A system that the paper compares itself with.
-    System(Arc<dyn Completes>),
+    System(Arc<dyn DepthCompleter>),
 }
 
 impl Whole {
@@ -48,13 +54,15 @@ impl Whole {
 
 /// A frame whose image the network has seen.
 pub(super) enum Prepared {
-    Trained(Scene),
+    /// With the time of predicting the guide, if that was done.
+    Trained(Scene, Option<Duration>),
     Whole(Whole),
 }
 
 /// A frame that is fitted to its points.
 pub(super) enum Fitted {
-    Trained(Completion),
+    /// With the same time.
+    Trained(Completion, Option<Duration>),
     Whole(Whole),
 }
 
@@ -67,6 +75,10 @@ pub(super) struct Completed {
     pub(super) left_empty: Option<LeftEmpty>,
     /// The map before, if pixels were left empty.
     filled: Option<DepthMap>,
+    /// The network that predicted the guide, if one did.
+    pub(super) guide: Option<String>,
+    /// The time that it took.
+    pub(super) guide_time: Option<Duration>,
     pub(super) diagnostics: Option<Diagnostics>,
 }
 
@@ -74,6 +86,11 @@ impl Completed {
     /// The map with the pixels that are left empty. Flying pixels are looked for in it, as an empty pixel is no edge.
     pub(super) fn filled(&self) -> &DepthMap {
         self.filled.as_ref().unwrap_or(&self.depth)
+    }
+
+    /// The standard deviations of the depths, if they were computed.
+    pub(super) fn deviations(&self) -> Option<&DepthMap> {
+        self.diagnostics.as_ref()?.deviations.as_ref()
     }
 }
 
@@ -102,48 +119,41 @@ pub(super) struct Diagnostics {
 
 impl<'a> Engine<'a> {
     /// Ready to work; `told` says whether diagnostics are printed.
-    pub(super) fn new(args: &'a Complete, told: bool) -> Result<Self> {
-        let alien = args.options_of_the_fit();
-        let method = match args.method {
-            Method::Classic(_) | Method::System(_) if !alien.is_empty() => {
-                let options = alien.join(", ");
-                return Err(Error::config(format!(
-                    "{options}: options that need method `lsdc`"
-                )));
-            }
+    pub(super) fn new(settings: &'a Settings, told: bool) -> Result<Self> {
+        let method = match settings.method {
             Method::Classic(method) => Loaded::Whole(Whole::Untrained(method)),
             Method::System(kind) => {
-                let Model { weights, device } = &args.model;
+                let Model { weights, device } = &settings.model;
                 let system = open_system(kind, weights.as_deref(), device)?;
                 Loaded::Whole(Whole::System(Arc::new(system)))
             }
             Method::Lsdc => {
-                let Model { weights, device } = &args.model;
+                let Model { weights, device } = &settings.model;
                 let completer = open_completer(weights.as_deref(), device)?;
-                let mut settings = *completer.fit_config();
-                args.fit.apply(&mut settings);
-                if args.temporal {
-                    check_temporal(&settings)?;
+                let fit = settings.fit(completer.fit_config());
+                if settings.temporal {
+                    check_temporal(&fit)?;
                 }
-                if args.guide.is_some() && settings.method == FitMethod::Field {
+                if settings.guide.is_some() && fit.method == FitMethod::Field {
                     return Err(Error::config(
                         "`--guide` would change nothing: a field alone has no basis functions",
                     )
                     .hint("leave it out, or fit with `--fit joint` or `--fit lse`"));
                 }
-                Loaded::Trained(Box::new(completer.with_fit(settings)))
+                Loaded::Trained(Box::new(completer.with_fit(fit)))
             }
         };
-        let in_files = args
-            .formats
-            .iter()
-            .flatten()
-            .any(|format| *format == Format::Json);
+        let monocular = match &settings.guide {
+            Some(GuideSpec::DepthAnything(short_side)) => Some(MonocularGuide::open(*short_side)?),
+            Some(GuideSpec::Files(_)) | None => None,
+        };
+        let in_files = settings.writes(Format::Json);
         Ok(Self {
-            args,
+            settings,
             method,
-            explains: told || in_files || args.outliers,
-            counts_outliers: in_files || args.json,
+            monocular,
+            explains: told || in_files || settings.outliers,
+            counts_outliers: in_files || settings.json,
         })
     }
 
@@ -152,6 +162,9 @@ impl<'a> Engine<'a> {
         let prepared = self.prepare(frame)?;
         if let Loaded::Trained(completer) = &self.method {
             completer.release();
+        }
+        if let Some(monocular) = &self.monocular {
+            monocular.release();
         }
         let fitted = prepared.fit(&frame.points, None)?;
         self.finish(&frame.rgb, &frame.points, fitted)
@@ -164,14 +177,19 @@ impl<'a> Engine<'a> {
             Loaded::Whole(method) => return Ok(Prepared::Whole(method.clone())),
         };
         let rgb = &frame.rgb;
-        let scene = if self.args.full {
+        let started = Instant::now();
+        let predicted = self.monocular.as_ref().map(|network| network.predict(rgb));
+        let predicted = predicted.transpose()?;
+        let guide_time = predicted.is_some().then(|| started.elapsed());
+        let guide = predicted.as_ref().or(frame.guide.as_ref());
+        let scene = if self.settings.full {
             let (width, height) = (rgb.width() as usize, rgb.height() as usize);
             let completer = completer.with_working_size(height, width)?;
-            guided_scene(&completer, rgb, frame.guide.as_ref())
+            guided_scene(&completer, rgb, guide)
         } else {
-            guided_scene(completer, rgb, frame.guide.as_ref())
+            guided_scene(completer, rgb, guide)
         };
-        scene.map(Prepared::Trained)
+        scene.map(|scene| Prepared::Trained(scene, guide_time))
     }
 
     /// The last part, for which no other frame waits.
@@ -181,18 +199,22 @@ impl<'a> Engine<'a> {
         points: &Sparse,
         fitted: Fitted,
     ) -> Result<Completed> {
+        let guide_time = match &fitted {
+            Fitted::Trained(_, time) => *time,
+            Fitted::Whole(_) => None,
+        };
         let (depth, clamped, diagnostics) = match fitted {
-            Fitted::Trained(completion) => self.read_out(completion)?,
+            Fitted::Trained(completion, _) => self.read_out(completion)?,
             Fitted::Whole(method) => (method.complete(rgb, &points.map()?)?, 0, None),
         };
         let size = (rgb.width() as usize, rgb.height() as usize);
-        let preserve = self.args.preserve_input;
+        let preserve = self.settings.preserve_input;
         let mut depth = preserve.apply(depth, &points.points, size)?;
         let (mut left_empty, mut filled) = (None, None);
         let deviations = diagnostics
             .as_ref()
             .and_then(|found| found.deviations.as_ref());
-        if let (Some(max_sigma), Some(deviations)) = (self.args.max_sigma, deviations) {
+        if let (Some(max_sigma), Some(deviations)) = (self.settings.max_sigma, deviations) {
             let (sure, pixels) = data::without_uncertain(depth.clone(), deviations, max_sigma)?;
             if sure.count() == 0 {
                 return Err(none_left(deviations, max_sigma, points.unit));
@@ -205,6 +227,8 @@ impl<'a> Engine<'a> {
             clamped,
             left_empty,
             filled,
+            guide: self.monocular.as_ref().map(ToString::to_string),
+            guide_time,
             diagnostics,
         })
     }
@@ -219,23 +243,18 @@ impl<'a> Engine<'a> {
 
     fn read_out(&self, completion: Completion) -> Result<(DepthMap, usize, Option<Diagnostics>)> {
         let started = Instant::now();
-        let depth = match self.args.size {
+        let depth = match self.settings.size {
             None => completion.depth()?,
             Some(size) => completion.depth_at(size.width, size.height)?,
         };
         let dense = started.elapsed();
-        let (low, high) = completion.limits();
-        let clamped = depth
-            .values()
-            .iter()
-            .filter(|&&d| d <= low || d >= high)
-            .count();
+        let clamped = clamped_pixels(&completion, &depth);
         let robust = self.is_robust();
         // The error to expect is that of the inliers.
-        let judges = self.args.outliers
+        let judges = self.settings.outliers
             || self.explains && robust
-            || self.counts_outliers && completion.report().used <= JUDGED_UNASKED;
-        let wanted = self.args.uncertainty || self.args.max_sigma.is_some();
+            || self.counts_outliers && completion.report().used <= MOST_TESTED;
+        let wanted = self.settings.uncertainty || self.settings.max_sigma.is_some();
         let (width, height) = (depth.width(), depth.height());
         let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
         let diagnostics = Diagnostics {
@@ -260,9 +279,6 @@ fn none_left(deviations: &DepthMap, max_sigma: f32, unit: Unit) -> Error {
     .hint("give a larger --max-sigma, or leave it out")
 }
 
-/// More points than this are judged only for `--outliers`: it takes several fits.
-const JUDGED_UNASKED: usize = 10_000;
-
 /// Checks that a fit can be drawn towards the weights of the frame before.
 fn check_temporal(fit: &FitConfig) -> Result<()> {
     let (method, prior) = (fit.method, fit.prior);
@@ -282,9 +298,11 @@ impl Prepared {
     /// The middle part: the weights, near those of the frame before, if they are given. The scene is not fitted again.
     pub(super) fn fit(self, points: &Sparse, near: Option<&[f64]>) -> Result<Fitted> {
         Ok(match (self, near) {
-            (Self::Trained(scene), None) => Fitted::Trained(scene.complete_once(&points.points)?),
-            (Self::Trained(scene), Some(weights)) => {
-                Fitted::Trained(scene.complete_near(&points.points, weights)?)
+            (Self::Trained(scene, time), None) => {
+                Fitted::Trained(scene.complete_once(&points.points)?, time)
+            }
+            (Self::Trained(scene, time), Some(weights)) => {
+                Fitted::Trained(scene.complete_near(&points.points, weights)?, time)
             }
             (Self::Whole(method), _) => Fitted::Whole(method),
         })
@@ -294,31 +312,9 @@ impl Prepared {
 impl Fitted {
     pub(super) fn weights(&self) -> Option<&[f64]> {
         match self {
-            Self::Trained(completion) => Some(completion.weights()),
+            Self::Trained(completion, _) => Some(completion.weights()),
             Self::Whole(_) => None,
         }
-    }
-}
-
-impl Complete {
-    /// The options that were given and that only a fit has.
-    fn options_of_the_fit(&self) -> Vec<&'static str> {
-        let options = [
-            ("`--size`", self.size.is_some()),
-            ("`--sigma`", self.sigma.is_some()),
-            ("`--noise`", self.noise.is_some()),
-            ("`--guide`", self.guide.is_some()),
-            ("`--uncertainty`", self.uncertainty),
-            ("`--max-sigma`", self.max_sigma.is_some()),
-            ("`--outliers`", self.outliers),
-            ("`--temporal`", self.temporal),
-            ("`--full`", self.full),
-        ];
-        let given = options.into_iter().filter(|(_, given)| *given);
-        given
-            .map(|(name, _)| name)
-            .chain(self.fit.given())
-            .collect()
     }
 }
 

@@ -1,15 +1,16 @@
 //! What is to be completed: images, and where the points of each are.
 
-use super::Complete;
 use super::failures::Failures;
 use super::loaded::Loaded;
 use super::recorded::Recorded;
+use super::settings::{Settings, is_list, is_pattern};
 use crate::cli::args::Format;
 use crate::cli::ui;
 use lsdc_core::DepthGuide;
-use lsdc_eval::data::{self, Colmap, Sparse, StoredAs, Upright, View, check_foreign};
+use lsdc_eval::data::{self, Colmap, DepthReadOptions, Sparse, UprightImage, View, check_foreign};
+use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Error, Result};
-use lsdc_recordings::Frame;
+use lsdc_recordings::SyncedFrame;
 use serde_json::json;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
@@ -29,7 +30,7 @@ enum Points {
     File(PathBuf),
     View(Box<View>),
     /// Image and points are messages.
-    Recorded(Arc<Recorded>, Box<Frame>),
+    Recorded(Arc<Recorded>, Box<SyncedFrame>),
 }
 
 /// What a frame is read from.
@@ -37,7 +38,7 @@ pub(super) enum Input<'a> {
     /// A file, or the folder of a model.
     File(&'a Path),
     /// Messages of a recording.
-    Frame(&'a Recorded, &'a Frame),
+    Frame(&'a Recorded, &'a SyncedFrame),
 }
 
 impl Input<'_> {
@@ -52,10 +53,10 @@ impl Input<'_> {
 
 impl Job {
     /// What it is read from, each with what it is: the files of a model as one folder.
-    pub(super) fn inputs<'a>(&'a self, args: &'a Complete) -> Vec<(&'static str, Input<'a>)> {
+    pub(super) fn inputs<'a>(&'a self, settings: &'a Settings) -> Vec<(&'static str, Input<'a>)> {
         let points = match &self.points {
             Points::File(path) => Input::File(path),
-            Points::View(_) => Input::File(&args.sparse),
+            Points::View(_) => Input::File(&settings.sparse),
             Points::Recorded(recorded, frame) => Input::Frame(recorded, frame),
         };
         let alone = matches!(points, Input::Frame(..));
@@ -69,59 +70,59 @@ impl Job {
     }
 
     /// The frame of a recording, if it is one.
-    pub(super) fn recorded(&self) -> Option<(&Recorded, &Frame)> {
+    pub(super) fn recorded(&self) -> Option<(&Recorded, &SyncedFrame)> {
         match &self.points {
             Points::Recorded(recorded, frame) => Some((recorded, frame)),
             Points::File(_) | Points::View(_) => None,
         }
     }
 
-    pub(super) fn load(&self, args: &Complete) -> Result<Loaded> {
+    pub(super) fn load(&self, settings: &Settings) -> Result<Loaded> {
         let started = Instant::now();
         let mut loaded = match &self.points {
             Points::Recorded(recorded, frame) => recorded.load(frame)?.1,
-            Points::File(_) | Points::View(_) => self.load_files(args)?,
+            Points::File(_) | Points::View(_) => self.load_files(settings)?,
         };
-        if let (Some(source), Some(file)) = (&args.guide, &self.guide) {
+        if let (Some(GuideSpec::Files(source)), Some(file)) = (&settings.guide, &self.guide) {
             let (guide, read) = source.read(file)?;
             let size = (loaded.rgb.width() as usize, loaded.rgb.height() as usize);
             let read = read.iter().map(|doubt| format!("of the guide: {doubt}"));
-            let doubts = doubts(&guide, size).into_iter().chain(read);
-            loaded.points.remarks.extend(doubts);
+            let warnings = warnings(&guide, size).into_iter().chain(read);
+            loaded.points.remarks.extend(warnings);
             loaded.guide = Some(guide);
         }
         loaded.reading = started.elapsed();
-        loaded.with_options(args)
+        loaded.with_options(settings)
     }
 
-    fn load_files(&self, args: &Complete) -> Result<Loaded> {
-        let Upright {
+    fn load_files(&self, settings: &Settings) -> Result<Loaded> {
+        let UprightImage {
             rgb,
             orientation: image,
-            doubts,
+            warnings,
         } = data::read_upright(&self.image)?;
-        let mut assumed: Vec<String> = doubts.iter().map(ToString::to_string).collect();
-        let camera = match (&args.camera, &self.points) {
+        let mut assumed: Vec<String> = warnings.iter().map(ToString::to_string).collect();
+        let camera = match (&settings.camera, &self.points) {
             (Some(camera), _) => {
                 let (camera, remark) = camera.for_image(&image)?;
-                assumed.extend(remark.into_iter().chain(camera.doubts()));
+                assumed.extend(remark.into_iter().chain(camera.warnings()));
                 Some(camera)
             }
-            (None, Points::View(view)) => view.camera_of(&image, args.depth_unit)?,
+            (None, Points::View(view)) => view.camera_of(&image, settings.depth_unit)?,
             (None, _) => None,
         };
         let mut points = match &self.points {
             Points::File(path) => {
-                let how = StoredAs {
-                    unit: args.depth_unit,
-                    kind: args.depth_kind,
+                let how = DepthReadOptions {
+                    unit: settings.depth_unit,
+                    kind: settings.depth_kind,
                 };
                 Sparse::read_as(path, how, camera.as_ref(), image)?
             }
-            Points::View(view) => Sparse::of_view(view, image, args.depth_unit)?,
+            Points::View(view) => Sparse::of_view(view, image, settings.depth_unit)?,
             Points::Recorded(..) => return Err(Error::config("a message is in no file")),
         };
-        if let Some(path) = &args.sigma {
+        if let Some(path) = &settings.sigma {
             points = points.with_sigma(path, image)?;
         }
         points.remarks.extend(assumed);
@@ -139,14 +140,14 @@ impl Job {
 }
 
 /// What should be checked of a guide for an image of (width, height).
-fn doubts(guide: &DepthGuide, (width, height): (usize, usize)) -> Vec<String> {
+fn warnings(guide: &DepthGuide, (width, height): (usize, usize)) -> Vec<String> {
     /// Sides are rounded, to multiples of 14 or 32 by many networks.
     const UNLIKE: f64 = 1.1;
-    let mut doubts = Vec::new();
+    let mut warnings = Vec::new();
     let aspect = |width: usize, height: usize| width as f64 / height as f64;
     let ratio = aspect(guide.width(), guide.height()) / aspect(width, height);
     if !(UNLIKE.recip()..=UNLIKE).contains(&ratio) {
-        doubts.push(format!(
+        warnings.push(format!(
             "the guide is {}x{} but the image {width}x{height}: it is stretched to cover the image",
             guide.width(),
             guide.height()
@@ -154,22 +155,17 @@ fn doubts(guide: &DepthGuide, (width, height): (usize, usize)) -> Vec<String> {
     }
     let (missing, pixels) = (guide.missing(), guide.width() * guide.height());
     if missing > 0 {
-        doubts.push(format!(
+        warnings.push(format!(
             "{missing} of the {pixels} pixels of the guide hold no prediction; gaps were filled from their sides"
         ));
     }
-    doubts
-}
-
-/// Whether one image is meant, whose results may lie beside it.
-pub(super) fn is_one(args: &Complete) -> bool {
-    matches!(&args.rgb[..], [path] if !path.is_dir() && !is_pattern(path) && !is_list(path))
+    warnings
 }
 
 /// The one image that is meant.
-pub(super) fn one(args: &Complete) -> Result<Job> {
-    let image = args.rgb[0].clone();
-    let sparse = &args.sparse;
+pub(super) fn one(settings: &Settings) -> Result<Job> {
+    let image = settings.rgb[0].clone();
+    let sparse = &settings.sparse;
     check_foreign(&image)?;
     check_foreign(sparse)?;
     let points = if Colmap::is_at(sparse) {
@@ -187,33 +183,35 @@ pub(super) fn one(args: &Complete) -> Result<Job> {
     };
     let name = PathBuf::from(image.file_name().unwrap_or_default());
     Ok(Job {
-        guide: guide_of(args, &name)?,
+        guide: guide_of(settings, &name)?,
         image,
         name,
         points,
     })
 }
 
-/// The file of the guide for an image of this name.
-fn guide_of(args: &Complete, name: &Path) -> Result<Option<PathBuf>> {
-    let source = args.guide.as_ref();
-    source.map(|source| source.file_for(name)).transpose()
+/// The file of the guide for an image of this name, unless a network predicts it.
+fn guide_of(settings: &Settings, name: &Path) -> Result<Option<PathBuf>> {
+    match &settings.guide {
+        Some(GuideSpec::Files(source)) => source.file_for(name).map(Some),
+        Some(GuideSpec::DepthAnything(_)) | None => Ok(None),
+    }
 }
 
 /// Every image of folders, patterns, lists and recordings that belongs to the shard, each with its points. What
 /// has none, or no name of its own, has failed.
-pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Result<Vec<Job>> {
-    let holds = |name: &Path| args.shard.holds(&name.to_string_lossy());
-    if args.rgb.is_empty() {
-        check_foreign(&args.sparse)?;
-        if args.depth_kind.is_some() {
+pub(super) fn many(settings: &Settings, output: &Path, failures: &Failures) -> Result<Vec<Job>> {
+    let holds = |name: &Path| settings.shard.holds(&name.to_string_lossy());
+    if settings.rgb.is_empty() {
+        check_foreign(&settings.sparse)?;
+        if settings.depth_kind.is_some() {
             return Err(Error::config(
                 "--depth-kind is for maps and tables in files, not for recordings",
             ));
         }
-        let recorded = Arc::new(Recorded::open(args)?);
-        recorded.tell(args.json);
-        let mut jobs = Jobs::new(args, failures);
+        let recorded = Arc::new(Recorded::open(settings)?);
+        recorded.tell(settings.json);
+        let mut jobs = Jobs::new(settings, failures);
         for frame in recorded.frames() {
             let name = Recorded::name(frame);
             if holds(&name) {
@@ -224,24 +222,24 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         return Ok(jobs.found);
     }
     let mut views = Vec::new();
-    let is_model = Colmap::is_at(&args.sparse);
+    let is_model = Colmap::is_at(&settings.sparse);
     if is_model {
-        views = Colmap::read(&args.sparse)?.views;
-    } else if !args.sparse.is_dir() {
+        views = Colmap::read(&settings.sparse)?.views;
+    } else if !settings.sparse.is_dir() {
         let what = "is no folder of points and no model of COLMAP";
-        return Err(Error::format(&args.sparse, what).hint(
+        return Err(Error::format(&settings.sparse, what).hint(
             "for several images give a folder with a file of points for each, or a list; for one image give its path",
         ));
     }
     let views = by_name(&views);
-    let mut jobs = Jobs::new(args, failures);
-    let mut found = images(args, output)?;
-    if is_model && args.rgb.iter().all(|path| path.is_dir()) {
-        found = in_model(args, found, &views)?;
+    let mut jobs = Jobs::new(settings, failures);
+    let mut found = images(settings, output)?;
+    if is_model && settings.rgb.iter().all(|path| path.is_dir()) {
+        found = in_model(settings, found, &views)?;
     }
     let shared = shared_points(&found, |one| {
         let view = view_of(&one.image, &views).map(|view| PathBuf::from(&view.name));
-        view.or_else(|| same_name(&args.sparse, &one.name, &one.image).ok())
+        view.or_else(|| same_name(&settings.sparse, &one.name, &one.image).ok())
     });
     let unshared = |points: &Path| match shared.get(points) {
         Some(error) => Err(Error::config(error.clone())
@@ -262,7 +260,7 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         } else if let Some(view) = view_of(&image, &views) {
             unshared(Path::new(&view.name)).map(|()| Points::View(Box::new(view.clone())))
         } else {
-            let file = same_name(&args.sparse, &name, &image);
+            let file = same_name(&settings.sparse, &name, &image);
             file.and_then(|file| unshared(&file).map(|()| Points::File(file)))
         };
         jobs.add(image, name, points);
@@ -271,7 +269,7 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
 }
 
 /// The images of folders that a model knows; says which it does not know, and how many of its own are not there.
-fn in_model(args: &Complete, found: Vec<Found>, views: &Views<'_>) -> Result<Vec<Found>> {
+fn in_model(settings: &Settings, found: Vec<Found>, views: &Views<'_>) -> Result<Vec<Found>> {
     /// So many are named.
     const NAMED: usize = 5;
     let all = found.len();
@@ -303,11 +301,11 @@ fn in_model(args: &Complete, found: Vec<Found>, views: &Views<'_>) -> Result<Vec
             .map(|view| view.name.as_str())
             .min()
             .unwrap_or("none");
-        return Err(Error::format(&args.sparse, what).hint(format!(
+        return Err(Error::format(&settings.sparse, what).hint(format!(
             "give the folder of images that the model was made of; the first name in the model: {first}"
         )));
     }
-    let tell = if args.json { ui::say } else { ui::tell };
+    let tell = if settings.json { ui::say } else { ui::tell };
     let seen: HashSet<&str> = known
         .iter()
         .filter_map(|one| view_of(&one.image, views))
@@ -323,7 +321,7 @@ fn in_model(args: &Complete, found: Vec<Found>, views: &Views<'_>) -> Result<Vec
     if !unknown.is_empty() {
         ui::warn(&format!("warning: {unknown_line}"));
     }
-    for one in unknown.iter().filter(|_| args.json) {
+    for one in unknown.iter().filter(|_| settings.json) {
         let value = json!({
             "image": one.name.display().to_string(), "status": "left out", "reason": "it is not in the model",
         });
@@ -334,16 +332,16 @@ fn in_model(args: &Complete, found: Vec<Found>, views: &Views<'_>) -> Result<Vec
 
 /// Images with their points, each of another name.
 struct Jobs<'a> {
-    args: &'a Complete,
+    settings: &'a Settings,
     found: Vec<Job>,
     names: HashSet<PathBuf>,
     failures: &'a Failures,
 }
 
 impl<'a> Jobs<'a> {
-    fn new(args: &'a Complete, failures: &'a Failures) -> Self {
+    fn new(settings: &'a Settings, failures: &'a Failures) -> Self {
         Self {
-            args,
+            settings,
             found: Vec::new(),
             names: HashSet::new(),
             failures,
@@ -363,7 +361,7 @@ impl<'a> Jobs<'a> {
         } else {
             points
         };
-        let found = points.and_then(|points| Ok((points, guide_of(self.args, &name)?)));
+        let found = points.and_then(|points| Ok((points, guide_of(self.settings, &name)?)));
         match found {
             Ok((points, guide)) => self.found.push(Job {
                 image,
@@ -469,9 +467,9 @@ struct Found {
     points: Option<PathBuf>,
 }
 
-fn images(args: &Complete, output: &Path) -> Result<Vec<Found>> {
+fn images(settings: &Settings, output: &Path) -> Result<Vec<Found>> {
     let mut found = Vec::new();
-    for path in &args.rgb {
+    for path in &settings.rgb {
         let before = found.len();
         if path.is_dir() {
             let (images, results) = without_results(data::images_below(path)?, path, output);
@@ -610,12 +608,4 @@ impl Found {
         let name = PathBuf::from(image.file_name().unwrap_or_default());
         Self::new(image, name)
     }
-}
-
-fn is_list(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending == "txt")
-}
-
-fn is_pattern(path: &Path) -> bool {
-    !path.exists() && path.to_string_lossy().contains(['*', '?', '['])
 }

@@ -56,7 +56,7 @@ impl Summary {
         }
         lines.extend(self.input());
         if let Some(fit) = &self.fit {
-            lines.extend(of_fit(fit));
+            lines.extend(of_fit(fit, self.guide.as_deref()));
         }
         lines.push(self.times());
         lines
@@ -70,7 +70,7 @@ impl Summary {
             None => "--outliers lists them".to_owned(),
         };
         // A few of many are to be expected, and matter little.
-        let many = count >= 3 && 100 * count > self.points.used;
+        let many = count >= 3 && 100 * count > self.points.counts.used;
         let remedy = if many && !self.robust {
             "; --robust auto limits their influence"
         } else {
@@ -97,14 +97,14 @@ impl Summary {
         } else {
             format!(" ({})", notes.join(", "))
         };
-        let guess = if points.unit_guessed {
+        let guess = if points.counts.unit_guessed {
             " (a guess; --depth-unit sets it)"
         } else {
             ""
         };
         let mut lines = vec![
-            format!("points    {}{note}", points.used),
-            format!("unit      {}{guess}", points.unit),
+            format!("points    {}{note}", points.counts.used),
+            format!("unit      {}{guess}", points.counts.unit),
         ];
         if let Some(noise) = &self.noise {
             let name = noise.name.map_or(String::new(), |name| format!("{name}: "));
@@ -117,6 +117,7 @@ impl Summary {
     fn times(&self) -> String {
         let stages = [
             ("reading", Some(self.seconds.reading)),
+            ("guide", self.seconds.guide),
             ("network", self.seconds.network),
             ("fit", self.seconds.fit),
             ("dense", self.seconds.dense),
@@ -154,12 +155,13 @@ fn error(fit: &DescribedFit, m: &str) -> String {
 }
 
 /// What the fit says of guide and deviations.
-fn of_fit(fit: &DescribedFit) -> Vec<String> {
+fn of_fit(fit: &DescribedFit, network: Option<&str>) -> Vec<String> {
+    let network = network.map_or(String::new(), |network| format!("{network}; "));
     let guide = fit.guide_trust.map(|trust| {
         if trust > 0.0 {
-            format!("guide     used, with weights of about {trust}")
+            format!("guide     {network}used, with weights of about {trust}")
         } else {
-            "guide     not used: the points do not support it".to_owned()
+            format!("guide     {network}not used: the points do not support it")
         }
     });
     let share = fit.median_share.filter(|share| *share > 0.0);

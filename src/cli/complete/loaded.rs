@@ -1,6 +1,6 @@
 //! A frame in memory.
 
-use super::Complete;
+use super::settings::Settings;
 use image::RgbImage;
 use lsdc_core::{DepthGuide, DepthNoise};
 use lsdc_eval::data::{Camera, Sparse, Unit};
@@ -33,8 +33,8 @@ impl Loaded {
     ///
     /// # Errors
     /// Noise in metres for depths in an unknown unit.
-    pub(super) fn with_options(mut self, args: &Complete) -> Result<Self> {
-        if let Some(model) = args.noise {
+    pub(super) fn with_options(mut self, settings: &Settings) -> Result<Self> {
+        if let Some(model) = settings.noise {
             let Sparse { unit, guessed, .. } = self.points;
             if guessed || unit == Unit::MODEL {
                 let what = if guessed {
@@ -54,7 +54,7 @@ impl Loaded {
             self.noise = Some(Noise { model, points });
         }
         let size = (self.rgb.width() as usize, self.rgb.height() as usize);
-        let wanted = args.size.map(|size| (size.width, size.height));
+        let wanted = settings.size.map(|size| (size.width, size.height));
         self.points
             .remarks
             .extend(wanted.and_then(|wanted| stretched(size, wanted)));

@@ -5,67 +5,66 @@ use super::failures::Failures;
 use super::flow;
 use super::frame::Engine;
 use super::inputs::{self, Job};
-use super::outputs::{Outputs, check_folder};
+use super::outputs::Outputs;
 use super::record::Records;
+use super::settings::{Destination, Settings};
 use super::summary::Summary;
 use super::tally::Tally;
 use super::video::{Before, Chain};
-use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
 use lsdc_eval::data::{self, Shard};
+use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Error, Result};
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-pub(super) fn run(args: &Complete) -> Result<Exit> {
-    let output = args.output.as_deref().ok_or_else(|| {
-        Error::config("where the results of many images go is missing").hint("give -o DIR")
-    })?;
-    check_folder(output)?;
-    if args.sigma.is_some() {
+pub(super) fn run(settings: &Settings) -> Result<Exit> {
+    let Destination::Folder(output) = &settings.destination else {
+        let what = "where the results of many images go is missing";
+        return Err(Error::config(what).hint("give -o DIR"));
+    };
+    if settings.sigma.is_some() {
         return Err(Error::config("`--sigma` is for one image")
             .hint("give lists with a fourth column, or a model of COLMAP"));
     }
-    if args
-        .guide
-        .as_ref()
-        .is_some_and(|guide| !guide.path.is_dir())
+    if let Some(GuideSpec::Files(source)) = &settings.guide
+        && !source.path.is_dir()
     {
         return Err(Error::config("one `--guide` is for one image")
             .hint("give a folder of guides that are called as the images are"));
     }
-    if args.temporal && args.shard != Shard::WHOLE {
+    if settings.temporal && settings.shard != Shard::WHOLE {
         return Err(Error::config(
             "`--temporal` cannot be combined with `--shard`: a frame needs the one before",
         )
         .hint("give either of them"));
     }
-    if let (true, Some(option)) = (args.rgb.is_empty(), args.recorded.of_bags()) {
+    if let (true, Some(option)) = (settings.rgb.is_empty(), settings.recording.of_bags()) {
         let what = format!("`{option}` is for results in a recording");
         return Err(Error::config(what).hint("give -o FILE.mcap, or leave it out"));
     }
-    if args.temporal && args.rgb.is_empty() {
+    if settings.temporal && settings.rgb.is_empty() {
         return Err(Error::config("`--temporal` is not for recordings")
             .hint("leave it out, or write the images to files"));
     }
-    let failures = Failures::new(args.json);
-    let jobs = inputs::many(args, output, &failures)?;
-    let records = Records::new(args, output)?;
-    let Plan { left, there } = Plan::of(args, output, jobs, &records)?;
+    let failures = Failures::new(settings.json);
+    let jobs = inputs::many(settings, output, &failures)?;
+    let records = Records::new(settings, output)?;
+    let Plan { left, there } = Plan::of(settings, output, jobs, &records)?;
     let folders: HashSet<&Path> = left.iter().map(|frame| frame.outputs.folder()).collect();
     for folder in folders {
         data::check_writable(folder)?;
         data::remove_leftovers(folder);
     }
-    let engine = Engine::new(args, args.json)?;
+    let engine = Engine::new(settings, settings.json)?;
     let stop = ui::stop_flag();
     let bar = ui::bar(left.len(), "frames");
     let failures = failures.beside(&bar);
 
-    let mut tally = Tally::new(&bar, args.json);
+    let mut tally = Tally::new(&bar, settings.json);
     let mut chain = Chain::default();
-    let mut calibration = Calibration::new(args);
+    let mut calibration = Calibration::new(settings);
     flow::run(
         &left,
         &engine,
@@ -73,8 +72,8 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
         |frame| &frame.job.name,
         |frame| {
             // In this order: what changes in between is noticed the next time.
-            let inputs = records.inputs(args, &frame.job)?;
-            Ok((inputs, frame.job.load(args)?))
+            let inputs = records.inputs(settings, &frame.job)?;
+            Ok((inputs, frame.job.load(settings)?))
         },
         |frame, loaded, prepared| {
             let before = chain.before(frame.before.as_ref(), &loaded.rgb)?;
@@ -83,10 +82,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             Ok(fitted)
         },
         |Frame { job, outputs, .. }, inputs, loaded, completed| {
-            let forms = outputs.forms(loaded, completed)?;
-            let summary = Summary::new(&job.name, loaded, completed, &forms);
+            let format_data = outputs.format_data(loaded, completed)?;
+            let summary = Summary::new(&job.name, loaded, completed, &format_data);
             records.forget(job)?;
-            outputs.write(loaded, completed, &forms, &summary)?;
+            outputs.write(loaded, completed, &format_data, &summary)?;
             records.write(job, inputs, &summary)?;
             tally.add(&job.name, &summary);
             for warning in calibration.add(loaded, completed, job.recorded()) {
@@ -98,8 +97,8 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     bar.finish_and_clear();
 
     let (done, failed) = (tally.count(), failures.count());
-    tally.tell(there, failed);
-    if !args.json {
+    tally.print_totals(there, failed);
+    if !settings.json {
         ui::tell(&format!("written   {}", output.display()));
     }
     if stop.load(Ordering::Relaxed) && done + failed < left.len() {
@@ -131,7 +130,12 @@ impl<'a> Plan<'a> {
     /// Results that are there are used again if this run would make the same; results of other
     /// settings or inputs are an error. What has no record is made again, and replaced by nothing
     /// but an equal.
-    fn of(args: &'a Complete, output: &Path, jobs: Vec<Job>, records: &Records) -> Result<Self> {
+    fn of(
+        settings: &'a Settings,
+        output: &Path,
+        jobs: Vec<Job>,
+        records: &Records,
+    ) -> Result<Self> {
         let mut plan = Self {
             left: Vec::new(),
             there: 0,
@@ -141,28 +145,28 @@ impl<'a> Plan<'a> {
         // A frame of a video depends on all before it.
         let mut unbroken = true;
         for job in jobs {
-            let outputs = Outputs::below(args, output, &job)?;
+            let outputs = Outputs::below(settings, output, &job);
             outputs.check_apart(&job)?;
             let this = outputs.weights().map(|weights| Before {
                 weights: weights.to_owned(),
                 image: job.image.clone(),
             });
-            let keeps = !args.force && outputs.any_exists();
+            let keeps = !settings.force && outputs.any_exists();
             let record = keeps.then(|| records.read(&job)).flatten();
             let difference = match &record {
-                Some(record) => records.difference(args, &job, record)?,
+                Some(record) => records.difference(settings, &job, record)?,
                 None => None,
             };
             match record {
                 Some(_) if difference.is_some() => others.extend(difference.map(|d| (job.name, d))),
                 Some(record) if outputs.exist() && unbroken => {
                     plan.there += 1;
-                    if args.json {
+                    if settings.json {
                         ui::print(&unchanged(record.report()).to_string());
                     }
                 }
                 _ => {
-                    unbroken = !args.temporal;
+                    unbroken = !settings.temporal;
                     plan.left.push(Frame {
                         job,
                         outputs,

@@ -4,7 +4,6 @@ mod bag;
 mod calibration;
 mod failures;
 mod flow;
-mod formats;
 mod frame;
 mod inputs;
 mod lines;
@@ -14,6 +13,7 @@ mod outputs;
 mod pipes;
 mod record;
 mod recorded;
+mod settings;
 mod summary;
 mod tally;
 mod video;
@@ -23,10 +23,11 @@ use super::{Exit, ui};
 use crate::process;
 use frame::Engine;
 use inputs::Job;
-use lsdc_files::error::{Error, Result};
+use lsdc_files::error::Result;
 use lsdc_files::has_ending;
 use outputs::Outputs;
 use pipes::Pipes;
+use settings::{Settings, is_one};
 use std::path::Path;
 use summary::Summary;
 
@@ -39,41 +40,41 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     }
     let mut args = args.clone();
     let pipes = Pipes::open(&mut args)?;
-    if !inputs::is_one(&args) {
-        return many::run(&args);
+    if !is_one(&args.rgb) {
+        return many::run(&Settings::of_files(args)?);
     }
     process::share_heap();
-    let result = inputs::one(&args).and_then(|job| one(&args, &job, &pipes));
-    if let (Err(error), true) = (&result, args.json) {
-        let name = args.rgb[0].file_name().unwrap_or_default();
+    let (image, json) = (args.rgb[0].clone(), args.json);
+    let result = Settings::of_files(args).and_then(|settings| {
+        let job = inputs::one(&settings)?;
+        one(&settings, &job, &pipes)
+    });
+    if let (Err(error), true) = (&result, json) {
+        let name = image.file_name().unwrap_or_default();
         ui::print(&failures::failure(Path::new(name), error).to_string());
     }
     result
 }
 
-fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
-    if args.temporal {
-        let what = "`--temporal` would change nothing: one image has none before it";
-        return Err(Error::config(what).hint("give the images of the video, or leave it out"));
-    }
-    let outputs = Outputs::beside(args, job)?;
+fn one(settings: &Settings, job: &Job, pipes: &Pipes) -> Result<Exit> {
+    let outputs = Outputs::beside(settings, job);
     outputs.check_writable()?;
     outputs.check_apart(job)?;
-    let frame = job.load(args)?;
-    let found = Engine::new(args, true)?.complete(&frame)?;
-    let forms = outputs.forms(&frame, &found)?;
-    let summary = Summary::new(&job.name, &frame, &found, &forms);
+    let frame = job.load(settings)?;
+    let found = Engine::new(settings, true)?.complete(&frame)?;
+    let format_data = outputs.format_data(&frame, &found)?;
+    let summary = Summary::new(&job.name, &frame, &found, &format_data);
     for remark in summary.remarks() {
         ui::warn(&format!("warning: {remark}"));
     }
-    outputs.write(&frame, &found, &forms, &summary)?;
+    outputs.write(&frame, &found, &format_data, &summary)?;
     if pipes.to_stdout() {
         for line in summary.lines(None) {
             ui::say(&line);
         }
         return ui::pass_on(outputs.first()).map(|()| Exit::Done);
     }
-    if args.json {
+    if settings.json {
         ui::print(&summary.value().to_string());
         return Ok(Exit::Done);
     }

@@ -1,24 +1,34 @@
 //! The files of a result.
 
-use super::formats::{Forms, Png, formats};
-use super::frame::{Completed, Diagnostics};
+use super::frame::Completed;
 use super::inputs::Job;
 use super::loaded::Loaded;
 use super::record;
+use super::settings::{Destination, Settings};
 use super::summary::Summary;
-use crate::cli::args::{Complete, Format};
-use lsdc_eval::data::{self, Cloud, DepthMap, Unit};
+use crate::cli::args::Format;
+use lsdc_eval::data::{self, ColoredCloud, DepthMap, Unit};
 use lsdc_eval::report::{colour_map, usual_range};
+use lsdc_files::DescribedPng;
 use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// The files of a result.
 pub(super) struct Outputs<'a> {
-    args: &'a Complete,
+    settings: &'a Settings,
     folder: PathBuf,
     files: Vec<(Kind, PathBuf)>,
     /// Of a video, where the weights are kept that the next frame starts from.
     state: Option<PathBuf>,
+}
+
+/// What the formats write beside the depths.
+#[derive(Default)]
+pub(super) struct FormatData {
+    /// Depths of the first and the last colour of a colour map.
+    pub(super) color_range: Option<(f32, f32)>,
+    pub(super) png: Option<DescribedPng>,
+    pub(super) cloud: Option<ColoredCloud>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,90 +40,58 @@ enum Kind {
 
 impl<'a> Outputs<'a> {
     /// Of the one image: in the folder of `-o`, in that file, or beside the image.
-    pub(super) fn beside(args: &'a Complete, job: &Job) -> Result<Self> {
-        let output = args.output.as_deref();
-        if let Some(path) = output.filter(|path| !path.is_dir())
-            && let Some(format) = Format::of(path)
-        {
-            if args.formats.is_some() {
-                return Err(Error::config(
-                    "`-o FILE` and `--formats` name the format twice",
-                ));
+    pub(super) fn beside(settings: &'a Settings, job: &Job) -> Self {
+        match &settings.destination {
+            Destination::File(path) => {
+                let folder = path.parent().unwrap_or(Path::new(""));
+                let mut outputs = Self::of(settings, folder, path);
+                for (kind, named) in &mut outputs.files {
+                    if matches!(kind, Kind::Depth(_)) {
+                        named.clone_from(path);
+                    }
+                }
+                outputs
             }
-            let folder = path.parent().unwrap_or(Path::new(""));
-            let stem = path.file_stem().unwrap_or_default();
-            let files = Self::new(args, folder, &stem.to_string_lossy(), &[]).files;
-            return Self {
-                args,
-                folder: folder.to_owned(),
-                files: [(Kind::Depth(format), path.to_owned())]
-                    .into_iter()
-                    .chain(files)
-                    .collect(),
-                state: None,
+            Destination::Folder(folder) => Self::of(settings, folder, &job.name),
+            Destination::BesideImage => {
+                let folder = settings.rgb[0].parent().unwrap_or(Path::new(""));
+                Self::of(settings, folder, &job.name)
             }
-            .checked();
         }
-        if let Some(path) = output {
-            check_folder(path)?;
-        }
-        let folder = output.or(args.rgb[0].parent()).unwrap_or(Path::new(""));
-        Self::of(args, folder, job)
     }
 
     /// Of one image among many.
-    pub(super) fn below(args: &'a Complete, output: &Path, job: &Job) -> Result<Self> {
+    pub(super) fn below(settings: &'a Settings, output: &Path, job: &Job) -> Self {
         let folder = match job.name.parent() {
             Some(below) if !below.as_os_str().is_empty() => &output.join(below),
             _ => output,
         };
-        let outputs = Self::of(args, folder, job)?;
-        Ok(Self {
-            state: args.temporal.then(|| record::state(output, job)),
-            ..outputs
-        })
+        Self {
+            state: settings.temporal.then(|| record::state(output, job)),
+            ..Self::of(settings, folder, &job.name)
+        }
     }
 
-    fn of(args: &'a Complete, folder: &Path, job: &Job) -> Result<Self> {
-        let stem = job.name.file_stem().unwrap_or_default();
-        Self::new(args, folder, &stem.to_string_lossy(), formats(args)).checked()
-    }
-
-    fn new(args: &'a Complete, folder: &Path, stem: &str, formats: &[Format]) -> Self {
+    /// Files in a folder, which are called as `name` is but for its ending.
+    fn of(settings: &'a Settings, folder: &Path, name: &Path) -> Self {
+        let stem = name.file_stem().unwrap_or_default().to_string_lossy();
         let path = |end: &str| folder.join(format!("{stem}_{end}"));
-        let mut files: Vec<(Kind, PathBuf)> = formats
-            .iter()
+        let depths = settings.formats.iter();
+        let mut files: Vec<(Kind, PathBuf)> = depths
             .map(|&format| (Kind::Depth(format), path(format.end())))
             .collect();
-        if args.uncertainty {
+        if settings.uncertainty {
             files.push((Kind::Sigma, path("sigma.npy")));
         }
-        if args.outliers {
+        if settings.outliers {
             files.push((Kind::Outliers, path("outliers.csv")));
         }
         Self {
-            args,
+            settings,
             folder: folder.to_owned(),
             files,
             state: None,
         }
-    }
-
-    fn checked(self) -> Result<Self> {
-        if let Some(option) = self.args.of_clouds().filter(|_| !self.has(Format::Ply)) {
-            let error = Error::config(format!("`{option}` is for clouds"));
-            return Err(error.hint("add ply to --formats"));
-        }
-        if self.args.range.is_some() && !self.has(Format::Color) {
-            let error = Error::config("`--range` is for colour maps");
-            return Err(error.hint("add color to --formats"));
-        }
-        Ok(self)
-    }
-
-    fn has(&self, format: Format) -> bool {
-        let mut kinds = self.files.iter().map(|(kind, _)| *kind);
-        kinds.any(|kind| kind == Kind::Depth(format))
     }
 
     /// Of a video, where the weights are kept that the next frame starts from.
@@ -162,7 +140,7 @@ impl<'a> Outputs<'a> {
     /// Checks that no file of the result is one that it is made from.
     pub(super) fn check_apart(&self, job: &Job) -> Result<()> {
         let real = |path: &Path| path.canonicalize().ok();
-        for (what, input) in job.inputs(self.args) {
+        for (what, input) in job.inputs(self.settings) {
             let input = real(input.path());
             let mut files = self.files.iter().map(|(_, path)| path);
             if let Some(path) = files.find(|path| input.is_some() && real(path) == input) {
@@ -173,28 +151,25 @@ impl<'a> Outputs<'a> {
         Ok(())
     }
 
-    /// What the formats make of a result.
-    pub(super) fn forms(&self, frame: &Loaded, found: &Completed) -> Result<Forms> {
-        let png = || -> Result<Png> {
-            let unit = data::png_unit(&found.depth)?;
-            let raised = data::raised_in_png(&found.depth, unit.metres());
-            Ok(Png { unit, raised })
-        };
-        let cloud = || -> Result<Cloud> {
+    /// What the formats write of a result beside its depths.
+    pub(super) fn format_data(&self, frame: &Loaded, found: &Completed) -> Result<FormatData> {
+        let png = || DescribedPng::new(&found.depth);
+        let cloud = || -> Result<ColoredCloud> {
             let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
-            let diagnostics = found.diagnostics.as_ref();
-            let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
-            let (depth, options) = (found.filled(), self.args.cloud_options());
-            Ok(Cloud::new(depth, deviations, &frame.rgb, camera, &options))
+            let (depth, options) = (found.filled(), self.settings.cloud_options());
+            let deviations = found.deviations();
+            Ok(ColoredCloud::new(
+                depth, deviations, &frame.rgb, camera, &options,
+            ))
         };
         let range = || {
-            let range = self.args.range.or(usual_range(&found.depth));
+            let range = self.settings.range.or(usual_range(&found.depth));
             range.unwrap_or((0.0, 1.0))
         };
-        Ok(Forms {
-            range: self.has(Format::Color).then(range),
-            png: self.has(Format::Png).then(png).transpose()?,
-            cloud: self.has(Format::Ply).then(cloud).transpose()?,
+        Ok(FormatData {
+            color_range: self.settings.writes(Format::Color).then(range),
+            png: self.settings.writes(Format::Png).then(png).transpose()?,
+            cloud: self.settings.writes(Format::Ply).then(cloud).transpose()?,
         })
     }
 
@@ -215,12 +190,18 @@ impl<'a> Outputs<'a> {
         &self,
         frame: &Loaded,
         found: &Completed,
-        forms: &Forms,
+        format_data: &FormatData,
         summary: &Summary,
     ) -> Result<()> {
-        let result = Contents::new(self.args, frame, found, forms, summary);
+        let result = Contents {
+            settings: self.settings,
+            frame,
+            found,
+            format_data,
+            summary,
+        };
         for (kind, path) in &self.files {
-            if !self.args.force && data::would_replace(path) && !result.is_in(*kind, path) {
+            if !self.settings.force && data::would_replace(path) && !result.is_in(*kind, path) {
                 return Err(Error::config(format!("`{}` exists", path.display()))
                     .hint("give --force to replace it, or -o DIR to write elsewhere"));
             }
@@ -240,79 +221,62 @@ impl<'a> Outputs<'a> {
 
 /// What goes into the files.
 struct Contents<'a> {
-    depth: &'a DepthMap,
-    deviations: Option<&'a DepthMap>,
-    /// Of the depths.
-    unit: &'static str,
-    forms: &'a Forms,
-    outliers: Option<String>,
+    settings: &'a Settings,
+    frame: &'a Loaded,
+    found: &'a Completed,
+    format_data: &'a FormatData,
     summary: &'a Summary,
-    wanted: bool,
 }
 
-impl<'a> Contents<'a> {
-    fn new(
-        args: &Complete,
-        frame: &'a Loaded,
-        found: &'a Completed,
-        forms: &'a Forms,
-        summary: &'a Summary,
-    ) -> Self {
-        let depth = &found.depth;
-        let found = found.diagnostics.as_ref();
-        let list = |found: &Diagnostics| found.outliers_csv(&frame.points);
-        Self {
-            depth,
-            deviations: found.and_then(|found| found.deviations.as_ref()),
-            unit: summary.metres(),
-            forms,
-            outliers: found.filter(|_| args.outliers).map(list),
-            summary,
-            wanted: args.uncertainty,
-        }
-    }
-
+impl Contents<'_> {
     /// Deviations that are asked for, not only needed.
-    fn sigma(&self) -> Option<&'a DepthMap> {
-        self.deviations.filter(|_| self.wanted)
+    fn sigma(&self) -> Option<&DepthMap> {
+        let deviations = self.found.deviations();
+        deviations.filter(|_| self.settings.uncertainty)
     }
 
     fn write(&self, kind: Kind, path: &Path) -> Result<()> {
-        let depth = self.depth;
+        let depth = &self.found.depth;
         match kind {
             Kind::Depth(Format::Npy) => data::write_npy(path, depth),
             Kind::Depth(Format::Npz) => {
-                let maps = [("depth", Some(depth)), ("sigma", self.sigma())];
-                let maps = maps
-                    .into_iter()
-                    .filter_map(|(name, map)| Some((name, map?)));
-                data::write_npz(path, &maps.collect::<Vec<_>>())
+                let mut maps = vec![("depth", depth)];
+                maps.extend(self.sigma().map(|map| ("sigma", map)));
+                data::write_npz(path, &maps)
             }
             Kind::Depth(Format::Png) => {
-                let unit = self.forms.png.map_or(Unit::MILLIMETRE, |png| png.unit);
+                let unit = self
+                    .format_data
+                    .png
+                    .map_or(Unit::MILLIMETRE, |png| png.unit);
                 data::write_depth_png(path, depth, unit.metres())
             }
             Kind::Depth(Format::Tiff) => data::write_tiff(path, depth),
             Kind::Depth(Format::Exr) => data::write_exr(path, depth, self.sigma()),
             Kind::Depth(Format::Pfm) => data::write_pfm(path, depth),
             Kind::Depth(Format::Color) => {
-                let (low, high) = self.forms.range.unwrap_or((0.0, 1.0));
-                let colours = colour_map(depth, low, high, self.unit)?;
+                let (low, high) = self.format_data.color_range.unwrap_or((0.0, 1.0));
+                let colours = colour_map(depth, low, high, self.summary.metres())?;
                 data::write_colour_map(path, &colours, (low, high))
             }
             Kind::Depth(Format::Ply) => {
-                let cloud = self.forms.cloud.as_ref();
+                let cloud = self.format_data.cloud.as_ref();
                 data::write_ply(path, cloud.map_or(&[], |cloud| &cloud.points))
             }
             Kind::Depth(Format::Json) => {
                 data::write_atomically(path, |out| writeln!(out, "{}", self.summary.value()))
             }
             Kind::Sigma => self
-                .deviations
+                .found
+                .deviations()
                 .map_or(Ok(()), |map| data::write_npy(path, map)),
-            Kind::Outliers => data::write_atomically(path, |out| {
-                out.write_all(self.outliers.as_deref().unwrap_or_default().as_bytes())
-            }),
+            Kind::Outliers => {
+                let diagnostics = self.found.diagnostics.as_ref();
+                let list = diagnostics.map(|found| found.outliers_csv(&self.frame.points));
+                data::write_atomically(path, |out| {
+                    out.write_all(list.unwrap_or_default().as_bytes())
+                })
+            }
         }
     }
 
@@ -330,20 +294,6 @@ impl<'a> Contents<'a> {
         let bytes = |path: &Path| std::fs::read(path).ok();
         self.write(kind, &again).is_ok() && bytes(path) == bytes(&again)
     }
-}
-
-/// Checks that a path means a folder of results: an ending that is not one of the formats would
-/// make a folder that looks like a file.
-pub(super) fn check_folder(path: &Path) -> Result<()> {
-    let ending = path.extension().unwrap_or_default().to_string_lossy();
-    let like_a_file = ending.starts_with(|c: char| c.is_ascii_alphabetic());
-    let text = path.to_string_lossy();
-    if !like_a_file || path.is_dir() || text.ends_with(std::path::is_separator) {
-        return Ok(());
-    }
-    Err(Error::config(format!("`{text}` names no folder and no known format")).hint(format!(
-        "for one image: .npy, .npz, .png, .tiff, .exr, .pfm, .ply or .json; for a folder: `{text}/`"
-    )))
 }
 
 fn no_camera() -> Error {

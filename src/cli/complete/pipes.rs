@@ -1,6 +1,6 @@
 //! `-` for standard input and output, through temporary files.
 
-use super::inputs;
+use super::settings::is_one;
 use crate::cli::args::{Complete, Format};
 use lsdc_files::error::{Error, Result};
 use std::io::Read as _;
@@ -71,7 +71,7 @@ fn check_one_file(args: &Complete) -> Result<()> {
         let message = format!("only one file fits into standard output: {what}");
         Err(Error::config(message).hint(hint))
     };
-    if !inputs::is_one(args) {
+    if !is_one(&args.rgb) {
         return refused("these are several images", "give one image, or -o DIR");
     }
     let formats = args.formats.as_deref().unwrap_or(&[Format::Npy]);

@@ -1,19 +1,18 @@
 //! What the results of a frame were made from: kept below their folder, so that a later run uses only
 //! those again that it would make itself.
 
-use super::formats::formats;
 use super::inputs::{Input, Job};
-use super::recorded;
+use super::settings::Settings;
 use super::summary::Summary;
-use crate::cli::args::{Complete, Format, Model};
-use lsdc_core::DepthNoise;
+use crate::cli::args::Recorded;
+use lsdc_core::fit::FitConfig;
 use lsdc_eval::data::write_atomically;
-use lsdc_eval::predict::Method;
+use lsdc_eval::predict::{GuideSpec, Method, MonocularGuide};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::provenance::{self, differences};
 use lsdc_weights::{weights_fit, weights_hash};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -62,12 +61,14 @@ pub(super) struct Records {
 
 impl Records {
     /// Of a run with these arguments and its folder of results.
-    pub(super) fn new(args: &Complete, output: &Path) -> Result<Self> {
-        let settings = settings(args)?;
+    pub(super) fn new(settings: &Settings, output: &Path) -> Result<Self> {
+        let decisive = Decisive::of(settings)?;
+        // Numbers are compared as they are read back.
+        let text = serde_json::to_value(&decisive)
+            .and_then(|value| serde_json::from_str(&value.to_string()));
         Ok(Self {
             folder: output.join(FOLDER),
-            // Numbers are compared as they are read back.
-            settings: serde_json::from_str(&settings.to_string()).unwrap_or_default(),
+            settings: text.map_err(|e| Error::config(format!("settings of the run: {e}")))?,
             models: Mutex::default(),
         })
     }
@@ -87,7 +88,7 @@ impl Records {
     /// What is another setting or input than that of the record, if anything is.
     pub(super) fn difference(
         &self,
-        args: &Complete,
+        settings: &Settings,
         job: &Job,
         before: &Record,
     ) -> Result<Option<String>> {
@@ -97,7 +98,7 @@ impl Records {
         if let Some(first) = method.or(found.first()) {
             return Ok(Some(first.clone()));
         }
-        for (role, input) in job.inputs(args) {
+        for (role, input) in job.inputs(settings) {
             let path = input.path();
             let same = match before.inputs.get(role) {
                 Some(source) if source.ending != ending(path) => false,
@@ -113,8 +114,8 @@ impl Records {
     }
 
     /// What a frame is about to be read from.
-    pub(super) fn inputs(&self, args: &Complete, job: &Job) -> Result<Inputs> {
-        let inputs = job.inputs(args).into_iter();
+    pub(super) fn inputs(&self, settings: &Settings, job: &Job) -> Result<Inputs> {
+        let inputs = job.inputs(settings).into_iter();
         let sources = inputs.map(|(role, input)| Ok((role.to_owned(), self.source(&input)?)));
         sources.collect::<Result<_>>().map(Inputs)
     }
@@ -159,7 +160,7 @@ impl Records {
             return Ok(Source {
                 stamp: stamp(path),
                 ending: ending(path),
-                content: provenance::file(path)?,
+                content: provenance::file_hash(path)?,
             });
         }
         let lock = |e: &dyn std::fmt::Display| Error::config(format!("`{}`: {e}", path.display()));
@@ -170,7 +171,7 @@ impl Records {
         let model = Source {
             stamp: None,
             ending: ending(path),
-            content: provenance::folder(path, &["bin", "txt"])?,
+            content: provenance::folder_hash(path, &["bin", "txt"])?,
         };
         models.insert(path.to_owned(), model.clone());
         Ok(model)
@@ -208,74 +209,42 @@ fn ending(path: &Path) -> String {
     ending.to_string_lossy().to_lowercase()
 }
 
-/// Everything but the files of a frame that decides what is in its results.
-fn settings(args: &Complete) -> Result<Value> {
-    let (weights, fit) = match args.method {
-        Method::Classic(_) => (None, None),
-        Method::System(_) => (Some(weights_hash(args.model.weights.as_deref())?), None),
-        Method::Lsdc => {
-            let path = args.model.weights.as_deref();
-            let mut fit = weights_fit(path)?;
-            args.fit.apply(&mut fit);
-            (Some(weights_hash(path)?), Some(fit))
-        }
-    };
-    let writes = |some: &[Format]| formats(args).iter().any(|format| some.contains(format));
-    // Every argument is named, so that a new one is not forgotten here.
-    let Complete {
-        // Inputs of each frame, compared by their contents.
-        rgb: _,
-        sparse: _,
-        sigma: _,
-        guide,
-        // In the fit and the weights above, and in `recorded::settings`.
-        fit: _,
-        recorded: _,
-        model: Model { weights: _, device },
-        method,
-        depth_unit,
-        depth_kind,
-        camera,
-        full,
-        size,
-        temporal,
-        preserve_input,
-        range,
-        max_sigma,
-        voxel,
-        keep_flying,
-        noise,
-        uncertainty,
-        // Whether there are more files, not what is in the others.
-        formats: _,
-        outliers: _,
-        // Where results go, which frames are completed, and what is printed.
-        output: _,
-        shard: _,
-        force: _,
-        json: _,
-        no_alignment: _,
-    } = args;
-    Ok(json!({
-        "numerics": provenance::numerics(),
-        "method": method,
-        "weights": weights,
-        "fit": fit,
-        "device": weights.as_ref().map(|_| device),
-        "full": full,
-        "guide": guide.as_ref().map(|guide| format!("{:?}", guide.kind)),
-        "temporal": temporal,
-        "depth_unit": depth_unit.map(|unit| unit.to_string()),
-        "depth_kind": depth_kind.map(|kind| kind.to_string()),
-        "recording": recorded::settings(args),
-        "camera": camera.as_ref().map(|camera| format!("{camera:?}")),
-        "size": size,
-        "preserve_input": preserve_input.name(),
-        "range": range.filter(|_| writes(&[Format::Color])),
-        "max_sigma": max_sigma,
-        "noise": noise.map(DepthNoise::coefficients),
-        "voxel": voxel,
-        "keep_flying": keep_flying,
-        "sigma_in_files": *uncertainty && writes(&[Format::Npz, Format::Exr, Format::Ply]),
-    }))
+/// What decides the results of a frame besides its files.
+#[derive(Serialize)]
+struct Decisive<'a> {
+    numerics: Value,
+    /// The contents of the weights.
+    weights: Option<String>,
+    fit: Option<FitConfig>,
+    device: Option<&'a str>,
+    /// With a recording.
+    recording: Option<&'a Recorded>,
+    /// The contents of the network that predicts the guide, if one does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    guide_network: Option<Value>,
+    #[serde(flatten)]
+    settings: &'a Settings,
+}
+
+impl<'a> Decisive<'a> {
+    fn of(settings: &'a Settings) -> Result<Self> {
+        let path = settings.model.weights.as_deref();
+        let has_weights = !matches!(settings.method, Method::Classic(_));
+        let fit = (settings.method == Method::Lsdc).then(|| weights_fit(path));
+        let guide_network = match &settings.guide {
+            Some(GuideSpec::DepthAnything(short_side)) => {
+                Some(MonocularGuide::open(*short_side)?.made_from())
+            }
+            Some(GuideSpec::Files(_)) | None => None,
+        };
+        Ok(Self {
+            numerics: provenance::numerics(),
+            weights: has_weights.then(|| weights_hash(path)).transpose()?,
+            fit: fit.transpose()?.map(|stored| settings.fit(&stored)),
+            device: has_weights.then_some(&*settings.model.device),
+            recording: settings.rgb.is_empty().then_some(&settings.recording),
+            guide_network,
+            settings,
+        })
+    }
 }

@@ -1,14 +1,17 @@
 //! Frames of a recording.
 
 use super::loaded::Loaded;
-use crate::cli::args::{self, Complete};
+use super::settings::Settings;
+use crate::cli::args::Complete;
 use crate::cli::ui;
 use lsdc_core::Observations;
 use lsdc_eval::data::{Camera, check_foreign};
 use lsdc_files::error::{Error, Result};
-use lsdc_recordings::{Deskewed, Dropped, Frame, Frames, Header, Recording, Stored, Wanted};
+use lsdc_recordings::{
+    DroppedFrame, FrameMessages, FrameOptions, Frames, Header, PointTimes, Recording, SyncedFrame,
+};
 use lsdc_weights::provenance;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -22,20 +25,20 @@ pub(super) struct Recorded {
 
 impl Recorded {
     /// Finds the frames of the recording that is named, and says what cannot be used of it.
-    pub(super) fn open(args: &Complete) -> Result<Self> {
-        let asked = &args.recorded;
-        let path = args.sparse.clone();
+    pub(super) fn open(settings: &Settings) -> Result<Self> {
+        let topics = &settings.recording;
+        let path = settings.sparse.clone();
         let mut recording = Recording::open(&path)?;
-        let wanted = Wanted {
-            image: asked.image.clone(),
-            points: asked.points.clone(),
-            camera_info: asked.camera_info.clone(),
-            tf: asked.tf.clone(),
-            fixed: asked.fixed_frame.clone(),
-            tolerance: Duration::from_secs_f64(asked.tolerance),
-            camera: args.camera.clone(),
-            unit: args.depth_unit,
-            deskew: !asked.no_deskew,
+        let wanted = FrameOptions {
+            image: topics.image.clone(),
+            points: topics.points.clone(),
+            camera_info: topics.camera_info.clone(),
+            tf: topics.tf.clone(),
+            fixed: topics.fixed_frame.clone(),
+            tolerance: Duration::from_secs_f64(topics.tolerance),
+            camera: settings.camera.clone(),
+            unit: settings.depth_unit,
+            deskew: !topics.no_deskew,
         };
         let frames = Frames::of(&mut recording, &wanted)?;
         for remark in &frames.remarks {
@@ -44,7 +47,7 @@ impl Recorded {
         if frames.found.is_empty() {
             return Err(match frames.dropped.first() {
                 None => Error::format(&path, "has no message of the topic of images"),
-                Some(Dropped { stamp, reason }) => {
+                Some(DroppedFrame { stamp, reason }) => {
                     let count = frames.dropped.len();
                     let what = format!(
                         "none of the {count} images can be completed; the first, {stamp}: {reason}"
@@ -74,8 +77,8 @@ impl Recorded {
         if let Some(camera) = self.frames.seen_by() {
             tell(&format!("camera    {camera}"));
         }
-        match self.frames.deskewed() {
-            Some(Deskewed { field, seconds, .. }) => tell(&format!(
+        match self.frames.point_times() {
+            Some(PointTimes { field, seconds, .. }) => tell(&format!(
                 "deskewed  each point counts at its own time: `{field}`, {seconds:.4} s from the first of a cloud to the last"
             )),
             None if self.frames.has_clouds() => {
@@ -90,8 +93,8 @@ impl Recorded {
         kinds.sort_unstable();
         kinds.dedup();
         for kind in kinds {
-            let of_kind = |dropped: &&Dropped| dropped.reason.kind() == kind;
-            let all: Vec<&Dropped> = dropped.iter().filter(of_kind).collect();
+            let of_kind = |dropped: &&DroppedFrame| dropped.reason.kind() == kind;
+            let all: Vec<&DroppedFrame> = dropped.iter().filter(of_kind).collect();
             let (first, reason) = (all[0].stamp, &all[0].reason);
             tell(&format!(
                 "left out  {} {kind}; the first: {first}: {reason}",
@@ -104,7 +107,7 @@ impl Recorded {
                 "left_out": dropped.len(), "camera": self.frames.seen_by(), "remarks": self.frames.remarks,
             });
             ui::print(&value.to_string());
-            for Dropped { stamp, reason } in dropped {
+            for DroppedFrame { stamp, reason } in dropped {
                 let value = json!({
                     "image": stamp.to_string(), "status": "left out", "reason": reason.to_string(),
                 });
@@ -118,16 +121,16 @@ impl Recorded {
     }
 
     /// In the order of the recording.
-    pub(super) fn frames(&self) -> &[Frame] {
+    pub(super) fn frames(&self) -> &[SyncedFrame] {
         &self.frames.found
     }
 
     /// What a frame is called in results.
-    pub(super) fn name(frame: &Frame) -> PathBuf {
+    pub(super) fn name(frame: &SyncedFrame) -> PathBuf {
         frame.stamp.to_string().into()
     }
 
-    fn read(&self, frame: &Frame) -> Result<Stored> {
+    fn read(&self, frame: &SyncedFrame) -> Result<FrameMessages> {
         let mut recording = self
             .recording
             .lock()
@@ -136,7 +139,7 @@ impl Recorded {
     }
 
     /// A frame, and when and where its image was taken.
-    pub(super) fn load(&self, frame: &Frame) -> Result<(Header, Loaded)> {
+    pub(super) fn load(&self, frame: &SyncedFrame) -> Result<(Header, Loaded)> {
         let started = Instant::now();
         let found = self.read(frame)?.decode(&self.frames)?;
         let loaded = Loaded {
@@ -155,7 +158,7 @@ impl Recorded {
     /// The points of a frame where its camera would see them so many nanoseconds later, if that is known.
     pub(super) fn seen_after(
         &self,
-        frame: &Frame,
+        frame: &SyncedFrame,
         seen: (&Observations, &Camera),
         nanoseconds: i64,
     ) -> Option<Observations> {
@@ -163,39 +166,15 @@ impl Recorded {
     }
 
     /// What a frame is made from, by its contents.
-    pub(super) fn content(&self, frame: &Frame) -> Result<String> {
+    pub(super) fn content(&self, frame: &SyncedFrame) -> Result<String> {
         let stored = self.read(frame)?;
         let projection = stored.projection(&self.frames);
-        Ok(provenance::bytes(&[
+        Ok(provenance::bytes_hash(&[
             &stored.image,
             &stored.points,
             projection.as_bytes(),
         ]))
     }
-}
-
-/// What was asked for, as far as it decides what is in results.
-pub(super) fn settings(args: &Complete) -> Option<Value> {
-    // Every option is named, so that a new one is not forgotten here.
-    let args::Recorded {
-        image,
-        points,
-        camera_info,
-        tf,
-        fixed_frame,
-        tolerance,
-        no_deskew,
-        // For results in a recording, which are not kept for another run.
-        units: _,
-        cloud: _,
-        copy: _,
-    } = &args.recorded;
-    args.rgb.is_empty().then(|| {
-        json!({
-            "image": image, "points": points, "camera_info": camera_info, "tf": tf,
-            "fixed_frame": fixed_frame, "tolerance": tolerance, "deskew": !no_deskew,
-        })
-    })
 }
 
 /// Checks that a recording is meant where no image is given, and that its options are given for one alone.

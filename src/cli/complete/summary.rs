@@ -1,11 +1,11 @@
 //! A completed frame in numbers, as reports have it; `lines` puts it into words.
 
-use super::formats::Forms;
 use super::frame::{Completed, LeftEmpty};
 use super::loaded::{Loaded, Noise};
+use super::outputs::FormatData;
 use crate::cli::ui::counted;
 use lsdc_eval::data::Unit;
-use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
+use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit, DescribedPng, DescribedPoints};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
@@ -16,7 +16,7 @@ use std::time::Duration;
 pub(super) struct Summary {
     image: String,
     status: &'static str,
-    pub(super) points: Points,
+    pub(super) points: PointCounts,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) noise: Option<DescribedNoise>,
     pub(super) depth: Option<DescribedDepth>,
@@ -25,14 +25,13 @@ pub(super) struct Summary {
     /// Depths of the first and the last colour of the colour map.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) color_range: Option<(f32, f32)>,
-    /// How many stored units of the PNG make a metre, if there is one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    png_units_per_metre: Option<f64>,
-    /// Pixels that hold one unit there, as they are nearer than half of it.
-    #[serde(skip_serializing_if = "is_zero")]
-    png_raised: usize,
+    #[serde(flatten)]
+    png: Option<DescribedPng>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) cloud: Option<DescribedCloud>,
+    /// The network that predicted the guide, the shorter side of its image, and the hash of its tensors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) guide: Option<String>,
     pub(super) fit: Option<DescribedFit>,
     /// The unit of depths.
     #[serde(skip)]
@@ -72,20 +71,15 @@ impl From<Noise> for DescribedNoise {
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct Points {
-    pub(super) used: usize,
-    /// NaN, infinite or not positive.
-    ignored: usize,
-    outside: usize,
-    hidden: usize,
+pub(super) struct PointCounts {
+    #[serde(flatten)]
+    pub(super) counts: DescribedPoints,
     /// Measured when the place of the scanner is not known.
     #[serde(skip_serializing_if = "is_zero")]
     unplaced: usize,
     /// Whether all count at the stamp of their cloud, though those of other frames do not.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     skewed: bool,
-    pub(super) unit: String,
-    pub(super) unit_guessed: bool,
     /// Whether the method looks at the deviations that came with the points; without that they only
     /// weigh points of one pixel, of which it sees the mean.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -100,6 +94,9 @@ fn is_zero(count: &usize) -> bool {
 #[derive(Debug, Serialize)]
 pub(super) struct Seconds {
     pub(super) reading: f64,
+    /// The prediction of the guide.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) guide: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) network: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -112,8 +109,13 @@ pub(super) struct Seconds {
 }
 
 impl Summary {
-    /// Of a frame, its result, and what the formats make of that.
-    pub(super) fn new(name: &Path, frame: &Loaded, found: &Completed, forms: &Forms) -> Self {
+    /// The numbers of a frame, its result, and what the formats add.
+    pub(super) fn new(
+        name: &Path,
+        frame: &Loaded,
+        found: &Completed,
+        format_data: &FormatData,
+    ) -> Self {
         let Loaded { points, .. } = frame;
         let fit = found.diagnostics.as_ref();
         let report = fit.map(|fit| fit.completion.report());
@@ -129,15 +131,10 @@ impl Summary {
         Self {
             image: name.display().to_string(),
             status: "completed",
-            points: Points {
-                used: report.map_or(points.points.len(), |report| report.used),
-                ignored: points.ignored + report.map_or(0, |report| report.invalid),
-                outside: points.outside + report.map_or(0, |report| report.outside),
-                hidden: points.hidden,
+            points: PointCounts {
+                counts: DescribedPoints::new(points, fit.map(|fit| &fit.completion)),
                 unplaced: frame.unplaced,
                 skewed: frame.skewed,
-                unit: points.unit.to_string(),
-                unit_guessed: points.guessed,
                 deviations_used: points
                     .points
                     .iter()
@@ -147,10 +144,10 @@ impl Summary {
             noise: frame.noise.map(DescribedNoise::from),
             depth: DescribedDepth::new(&found.depth, found.clamped),
             left_empty: found.left_empty,
-            color_range: forms.range,
-            png_units_per_metre: forms.png.map(|png| 1.0 / png.unit.metres()),
-            png_raised: forms.png.map_or(0, |png| png.raised),
-            cloud: forms.cloud.as_ref().map(DescribedCloud::from),
+            color_range: format_data.color_range,
+            png: format_data.png,
+            cloud: format_data.cloud.as_ref().map(DescribedCloud::from),
+            guide: found.guide.clone(),
             fit: fit.map(|fit| {
                 DescribedFit::new(
                     &fit.completion,
@@ -163,6 +160,7 @@ impl Summary {
             robust: fit.is_some_and(|fit| fit.robust),
             seconds: Seconds {
                 reading: seconds(frame.reading),
+                guide: found.guide_time.map(seconds),
                 network: report.map(|report| seconds(report.network)),
                 fit: report.map(|report| seconds(report.fit)),
                 field: report.map(|report| seconds(report.field)),
@@ -184,13 +182,13 @@ impl Summary {
 
     /// The unit of the 16-bit PNG, if it is not the usual one.
     pub(super) fn unusual_png_unit(&self) -> Option<Unit> {
-        let unit = self.png_units_per_metre.and_then(Unit::per_metre);
+        let unit = self.png.map(|png| png.unit);
         unit.filter(|unit| *unit != Unit::MILLIMETRE)
     }
 
     /// Pixels that hold one unit of the PNG, as they are nearer than half of it.
     pub(super) fn png_raised(&self) -> usize {
-        self.png_raised
+        self.png.map_or(0, |png| png.raised)
     }
 
     /// Pixels without a depth, as their standard deviation is too large.
@@ -213,13 +211,10 @@ impl Summary {
 
     /// Points that were not fitted: without a usable depth, outside the image, behind others, and without a known place.
     pub(super) fn left_out_of_points(&self) -> [usize; 4] {
-        let points = &self.points;
-        [
-            points.ignored,
-            points.outside,
-            points.hidden,
-            points.unplaced,
-        ]
+        let PointCounts {
+            counts, unplaced, ..
+        } = &self.points;
+        [counts.ignored, counts.outside, counts.hidden, *unplaced]
     }
 
     /// Whether all points count at the stamp of their cloud, though those of other frames do not.

@@ -1,4 +1,4 @@
-//! What is said of many completed frames.
+//! Counts and warnings of many completed frames.
 
 use super::lines::{left_out_of_clouds, left_out_of_points, raised};
 use super::summary::Summary;
@@ -7,12 +7,12 @@ use indicatif::ProgressBar;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What was written of many frames: said as it goes on, and counted for the end.
+/// Prints the warnings of many frames as they are written, and counts for the end.
 pub(super) struct Tally<'a> {
     bar: &'a ProgressBar,
     json: bool,
-    /// What holds for many frames is said of the first, and counted. By the remark without its numbers.
-    said: BTreeMap<String, RepeatedWarning>,
+    /// A warning of many frames is printed for the first, and counted. By the remark without its numbers.
+    warnings: BTreeMap<String, RepeatedWarning>,
     count: usize,
     unusual_png_units: BTreeMap<String, usize>,
     png_raised: usize,
@@ -26,7 +26,7 @@ pub(super) struct Tally<'a> {
 #[derive(Default)]
 struct RepeatedWarning {
     frames: usize,
-    /// The first frame, and what was said of it.
+    /// The first frame, and its remark.
     first: String,
 }
 
@@ -53,7 +53,7 @@ impl<'a> Tally<'a> {
         Self {
             bar,
             json,
-            said: BTreeMap::new(),
+            warnings: BTreeMap::new(),
             count: 0,
             unusual_png_units: BTreeMap::new(),
             png_raised: 0,
@@ -67,12 +67,12 @@ impl<'a> Tally<'a> {
     /// Takes in a frame that is written.
     pub(super) fn add(&mut self, name: &Path, summary: &Summary) {
         for remark in summary.remarks() {
-            let said = self.said.entry(without_numbers(remark)).or_default();
-            if said.frames == 0 {
-                said.first = format!("{}: {remark}", name.display());
-                warn(self.bar, &said.first);
+            let repeated = self.warnings.entry(without_numbers(remark)).or_default();
+            if repeated.frames == 0 {
+                repeated.first = format!("{}: {remark}", name.display());
+                warn(self.bar, &repeated.first);
             }
-            said.frames += 1;
+            repeated.frames += 1;
         }
         self.count += 1;
         if let Some(unit) = summary.unusual_png_unit() {
@@ -93,7 +93,7 @@ impl<'a> Tally<'a> {
         }
     }
 
-    /// Says what follows from several frames.
+    /// Prints a warning about several frames.
     pub(super) fn warn(&self, warning: &str) {
         warn(self.bar, warning);
     }
@@ -103,14 +103,15 @@ impl<'a> Tally<'a> {
         self.count
     }
 
-    /// Says how many frames there are, and what was left out of them.
-    pub(super) fn tell(&self, there: usize, failed: usize) {
+    /// Prints how many frames there are, and what was left out of them.
+    pub(super) fn print_totals(&self, there: usize, failed: usize) {
         let tell = if self.json { ui::say } else { ui::tell };
         let done = self.count;
         tell(&format!(
             "frames    {done} completed, {there} there already, {failed} failed"
         ));
-        for RepeatedWarning { frames, first } in self.said.values().filter(|said| said.frames > 1) {
+        let repeated = self.warnings.values().filter(|found| found.frames > 1);
+        for RepeatedWarning { frames, first } in repeated {
             tell(&format!("remarked  of {frames} frames, the first {first}"));
         }
         if let Some(points) = left_out_of_points(self.left_out_of_points) {

@@ -4,7 +4,7 @@ use image::RgbImage;
 use lsdc_core::Completer;
 use lsdc_eval::data::DepthMap;
 use lsdc_eval::evaluation::Candidate;
-use lsdc_eval::predict::{Completes, SystemKind};
+use lsdc_eval::predict::{DepthCompleter, SystemKind};
 use lsdc_eval::sampling::Size;
 use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -37,7 +37,7 @@ impl NoSystem {
     }
 }
 
-impl Completes for NoSystem {
+impl DepthCompleter for NoSystem {
     fn depth(&self, _: &RgbImage, _: &DepthMap) -> Result<DepthMap> {
         match *self {}
     }

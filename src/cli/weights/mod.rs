@@ -9,7 +9,7 @@ use lsdc_core::network::AdapterConfig;
 use lsdc_eval::data::{check_output, write_atomically};
 use lsdc_eval::metrics::{Metric, Scores};
 use lsdc_files::error::{Error, Result};
-use lsdc_weights::history::{self, Made};
+use lsdc_weights::history::{self, HistoryEntry};
 use lsdc_weights::is_system;
 use lsdc_weights::to_bytes;
 use lsdc_weights::{KNOWN, Store, how_to_install};
@@ -57,6 +57,9 @@ fn list() -> Result<()> {
         let place = match store.load(known) {
             Ok(_) => {
                 remarks.push(format!("`{}` is in {}", known.weights, path.display()));
+                if !store.has_head(known) {
+                    remarks.push(install::NO_HEAD.to_owned());
+                }
                 "installed"
             }
             Err(_) if !path.exists() => {
@@ -68,7 +71,7 @@ fn list() -> Result<()> {
                 "damaged"
             }
         };
-        let about = format!("on {}; {}", known.name, known.cost);
+        let about = format!("on {}; {}", known.name, known.extra_time);
         line(known.weights, known.bytes(), known.licence, place, &about);
     }
     for remark in remarks {
@@ -95,7 +98,7 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let notes = &weights.notes;
     let training = training(notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
-    let history = history::of(notes)?;
+    let history = history::read(notes)?;
     if as_json {
         let value = json!({
             "parameters": weights.parameters(),
@@ -136,7 +139,7 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
 }
 
 /// What weights were made from, the oldest first.
-fn made(history: &[Made]) {
+fn made(history: &[HistoryEntry]) {
     for line in history::lines(history) {
         ui::print(&format!("made       {line}"));
     }

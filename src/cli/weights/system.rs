@@ -4,17 +4,17 @@ use super::{made, parsed, pretty, trained, training};
 use crate::cli::ui;
 use lsdc_eval::metrics::Scores;
 use lsdc_files::error::Result;
-use lsdc_paper::systems::Trained;
+use lsdc_paper::systems::SystemWeights;
 use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE, history};
 use serde_json::json;
 use std::path::Path;
 
 /// What weights of a system are.
 pub(super) fn info(path: &Path, as_json: bool) -> Result<()> {
-    let system = Trained::open(path)?;
+    let system = SystemWeights::open(path)?;
     let training = training(system.notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(system.notes.get(SCORES_NOTE))?;
-    let history = history::of(&system.notes)?;
+    let history = history::read(&system.notes)?;
     let parameters = system.parameters()?;
     if as_json {
         let value = json!({

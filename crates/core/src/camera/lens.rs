@@ -99,32 +99,32 @@ impl Lens {
                 if angle > *last {
                     return None;
                 }
-                let seen = fisheye_radius(coefficients, angle);
-                Some([x * seen / radius, y * seen / radius])
+                let distorted = fisheye_radius(coefficients, angle);
+                Some([x * distorted / radius, y * distorted / radius])
             }
         }
     }
 
     /// The ray of an image position, by Newton's method: the inverse of the distortion.
-    pub(super) fn undistort(&self, seen: [f64; 2]) -> Option<[f64; 2]> {
+    pub(super) fn undistort(&self, distorted: [f64; 2]) -> Option<[f64; 2]> {
         const DIFFERENCE: f64 = 1e-6;
         const NEAR: f64 = 1e-9;
         if *self == Self::Pinhole {
-            return Some(seen);
+            return Some(distorted);
         }
         let mut ray = match self {
             // Straight ahead a fisheye sees angles, which tangents outgrow.
             Self::Fisheye { angle: last, .. } => {
-                let angle = (seen[0].powi(2) + seen[1].powi(2)).sqrt();
+                let angle = (distorted[0].powi(2) + distorted[1].powi(2)).sqrt();
                 let factor = angle.clamp(1e-12, last.min(1.5)).tan() / angle.max(1e-12);
-                seen.map(|v| v * factor)
+                distorted.map(|v| v * factor)
             }
-            _ => seen,
+            _ => distorted,
         };
         for _ in 0..STEPS {
             let here = self.distort(ray)?;
-            let off = [here[0] - seen[0], here[1] - seen[1]];
-            if off[0].abs().max(off[1].abs()) < NEAR {
+            let error = [here[0] - distorted[0], here[1] - distorted[1]];
+            if error[0].abs().max(error[1].abs()) < NEAR {
                 return Some(ray);
             }
             let right = self.distort([ray[0] + DIFFERENCE, ray[1]])?;
@@ -132,19 +132,19 @@ impl Lens {
             let [a, c] = [0, 1].map(|axis| (right[axis] - here[axis]) / DIFFERENCE);
             let [b, d] = [0, 1].map(|axis| (below[axis] - here[axis]) / DIFFERENCE);
             let determinant = a * d - b * c;
-            ray[0] -= (d * off[0] - b * off[1]) / determinant;
-            ray[1] -= (a * off[1] - c * off[0]) / determinant;
+            ray[0] -= (d * error[0] - b * error[1]) / determinant;
+            ray[1] -= (a * error[1] - c * error[0]) / determinant;
         }
         None
     }
 }
 
 /// The largest value up to which image positions move outwards with the rays; infinite if that is `last`.
-fn fold(last: f64, seen: impl Fn(f64) -> f64) -> f64 {
+fn fold(last: f64, distorted: impl Fn(f64) -> f64) -> f64 {
     /// Of the search.
     const STEPS: usize = 1000;
     let at = |step: usize| last * step as f64 / STEPS as f64;
-    let rising = (1..=STEPS).take_while(|&step| seen(at(step)) > seen(at(step - 1)));
+    let rising = (1..=STEPS).take_while(|&step| distorted(at(step)) > distorted(at(step - 1)));
     match rising.last() {
         Some(STEPS) => f64::INFINITY,
         step => at(step.unwrap_or(0)),

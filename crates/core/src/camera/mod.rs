@@ -140,16 +140,16 @@ impl Camera {
         if !(z > 0.0 && z.is_finite()) {
             return None;
         }
-        let seen = self.lens.distort([x / z, y / z])?;
-        let pixel = [0, 1].map(|axis| self.focal[axis] * seen[axis] + self.center[axis]);
+        let distorted = self.lens.distort([x / z, y / z])?;
+        let pixel = [0, 1].map(|axis| self.focal[axis] * distorted[axis] + self.center[axis]);
         pixel.iter().all(|v| v.is_finite()).then_some((pixel, z))
     }
 
     /// The point of the world at a pixel (column, row) and depth; `None` outside the valid field of view of
     /// the lens.
     pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
-        let seen = [0, 1].map(|axis| (pixel[axis] - self.center[axis]) / self.focal[axis]);
-        let [x, y] = self.lens.undistort(seen)?;
+        let distorted = [0, 1].map(|axis| (pixel[axis] - self.center[axis]) / self.focal[axis]);
+        let [x, y] = self.lens.undistort(distorted)?;
         let place = [
             x * depth - self.translation[0],
             y * depth - self.translation[1],

@@ -61,12 +61,7 @@ impl Cloud {
             }
             match camera.project(point) {
                 Some(([u, v], depth)) if pixel([u, v], (width, height)).is_some() => {
-                    found.push(Observation {
-                        u,
-                        v,
-                        depth: depth as f32,
-                        sigma: None,
-                    });
+                    found.push(Observation::new(u, v, depth as f32));
                 }
                 _ => outside += 1,
             }
@@ -103,16 +98,16 @@ pub fn retain_visible(
         points.iter().map(|point| (at(point), point)),
         width * height,
     );
-    let mut seen: Vec<f32> = Vec::new();
+    let mut visible: Vec<f32> = Vec::new();
     if between {
         let nearest = |front: &f32| if front.is_finite() { *front } else { 0.0 };
-        seen = fronts.iter().map(nearest).collect();
-        remove_hidden(width, &mut seen);
+        visible = fronts.iter().map(nearest).collect();
+        remove_hidden(width, &mut visible);
     }
     let before = points.len();
     points.retain(|point| {
         let pixel = at(point);
-        !is_behind(point, fronts[pixel]) && seen.get(pixel).is_none_or(|&depth| depth > 0.0)
+        !is_behind(point, fronts[pixel]) && visible.get(pixel).is_none_or(|&depth| depth > 0.0)
     });
     before - points.len()
 }

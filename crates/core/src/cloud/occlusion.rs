@@ -28,9 +28,9 @@ const BOUNDS: (f64, f64) = (1.5, 12.0);
 /// screen-space operators"), unless they lie on a slope with it.
 pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
     let window = Neighbourhood::new(reach(width, depths));
-    let seen: &[f32] = depths;
+    let visible: &[f32] = depths;
     let found = (0..depths.len()).into_par_iter().filter_map(|i| {
-        let enclosed = window.enclosed(seen, width, i);
+        let enclosed = window.enclosed(visible, width, i);
         enclosed.map(|surrounded| (i, surrounded))
     });
     let mut hidden: Vec<(usize, bool)> = found.collect();

@@ -9,7 +9,7 @@ pub(super) const NEARER: f32 = 0.05;
 const SURE: f32 = 3.0;
 
 /// The depth up to which the nearest surface of each pixel extends, infinite where there is none. A point
-/// with a large standard deviation says little about where the surface is.
+/// with a large standard deviation determines the surface less.
 pub fn fronts<'a>(
     points: impl Iterator<Item = (usize, &'a Observation)>,
     pixels: usize,

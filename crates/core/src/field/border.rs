@@ -1,13 +1,13 @@
 //! Observations beside a factor: `W = L^-1 S'` for the matrix S whose rows interpolate the field at them, and the
 //! covariances `S K^-1 S' = W' W` of the field there.
 //!
-//! An observation concerns the variables of its own tile and of the lines around it, up to the last: these
+//! An observation concerns the variables of its own tile and of the separators around it, up to the last: these
 //! rows of W are dense, all others 0. Observations are put in the order in which the pixels that they
-//! interpolate are eliminated first, so that those of a line and all below it are consecutive. They are worked
+//! interpolate are eliminated first, so that those of a separator and all below it are consecutive. They are worked
 //! on in strips of rows, each of which is a task of its own.
 
 use super::factor::{Factor, both};
-use super::plan::{Batch, FORK, Half, Home};
+use super::plan::{Child, FORK, PixelLocation, TileBatch};
 use super::strip::{STRIP, Strip, dot};
 use super::sweep::Rows;
 use crate::bilinear::InterpolationWeights;
@@ -20,13 +20,13 @@ use std::ops::Range;
 /// Columns of a covariance that a task finds: part of a strip, because the first columns have many more rows than the last.
 const TOGETHER: usize = STRIP / 4;
 
-/// `W`, by the variables of lines and tiles.
+/// `W`, by the variables of separators and tiles.
 #[derive(Debug)]
 pub(super) struct Border {
     /// The observation at each position.
     pub(super) order: Vec<usize>,
-    /// Of each line, by strips.
-    lines: Vec<Vec<Strip>>,
+    /// Of each separator, by strips.
+    separators: Vec<Vec<Strip>>,
     /// Of the tiles with observations.
     tiles: Vec<TileRows>,
 }
@@ -38,42 +38,46 @@ struct TileRows {
     positions: Range<usize>,
     /// `[observations, pixels in the order of elimination]`, row by row.
     values: Vec<f64>,
-    /// What is left of them for the ring, likewise.
+    /// Their update of the ring, likewise.
     ring: Vec<f64>,
 }
 
 impl Border {
-    pub(super) fn new(factor: &Factor, taps: &[InterpolationWeights]) -> Self {
+    pub(super) fn new(factor: &Factor, interpolation: &[InterpolationWeights]) -> Self {
         let plan = &*factor.plan;
-        let first =
-            |taps: &InterpolationWeights| taps.iter().map(|(pixel, _)| plan.turn(pixel)).min();
-        let mut order: Vec<usize> = (0..taps.len()).collect();
-        let turns: Vec<_> = taps
+        let first = |interpolation: &InterpolationWeights| {
+            interpolation
+                .iter()
+                .map(|(pixel, _)| plan.turn(pixel))
+                .min()
+        };
+        let mut order: Vec<usize> = (0..interpolation.len()).collect();
+        let turns: Vec<_> = interpolation
             .iter()
-            .map(|taps| first(taps).unwrap_or_default())
+            .map(|interpolation| first(interpolation).unwrap_or_default())
             .collect();
         order.sort_by_key(|&i| (turns[i], i));
         let turns: Vec<u32> = order.iter().map(|&i| turns[i].0).collect();
 
         let mut on_tiles: Vec<Vec<(usize, usize, f64)>> = vec![Vec::new(); plan.tiles.len()];
-        let mut on_lines: HashMap<usize, Vec<(usize, usize, f64)>> = HashMap::new();
+        let mut on_separators: HashMap<usize, Vec<(usize, usize, f64)>> = HashMap::new();
         for (position, &i) in order.iter().enumerate() {
-            for (pixel, share) in taps[i].iter() {
-                match plan.homes[pixel as usize] {
-                    Home::Tile(tile, at) => {
+            for (pixel, share) in interpolation[i].iter() {
+                match plan.locations[pixel as usize] {
+                    PixelLocation::Tile(tile, at) => {
                         on_tiles[tile as usize].push((position, at as usize, share));
                     }
-                    Home::Line(line, at) => {
-                        let list = on_lines.entry(line as usize).or_default();
+                    PixelLocation::Separator(separator, at) => {
+                        let list = on_separators.entry(separator as usize).or_default();
                         list.push((position, at as usize, share));
                     }
                 }
             }
         }
         let tiles = tile_rows(factor, &on_tiles, &turns);
-        let mut lines: Vec<Vec<Strip>> = Vec::new();
-        lines.resize_with(plan.lines.len(), Vec::new);
-        if let Half::Line(root) = plan.root {
+        let mut separators: Vec<Vec<Strip>> = Vec::new();
+        separators.resize_with(plan.separators.len(), Vec::new);
+        if let Child::Separator(root) = plan.root {
             let mut of_tiles = vec![None; plan.tiles.len()];
             for rows in &tiles {
                 of_tiles[rows.tile] = Some(rows);
@@ -81,14 +85,14 @@ impl Border {
             let ancestors = Ancestors {
                 factor,
                 of_tiles,
-                on_lines,
+                on_separators,
                 turns: &turns,
             };
-            ancestors.line(root, &mut lines, 0);
+            ancestors.separator(root, &mut separators, 0);
         }
         Self {
             order,
-            lines,
+            separators,
             tiles,
         }
     }
@@ -101,7 +105,7 @@ impl Border {
         // One by one, because the first columns are the longest.
         columns.with_max_len(1).each(|(i, columns)| {
             let own = i * TOGETHER..i * TOGETHER + columns.len() / size;
-            for strips in &self.lines {
+            for strips in &self.separators {
                 let holds = |s: &Strip| s.first < own.end && own.start < s.first + s.rows;
                 let Some(at) = strips.iter().position(holds) else {
                     continue;
@@ -127,15 +131,15 @@ impl Border {
             }
         });
         // The observations of a tile are consecutive, and of no other tile.
-        let mut rest = &mut all[..];
+        let mut remaining = &mut all[..];
         let mut done = 0;
         let mut tiles = Vec::with_capacity(self.tiles.len());
         let mut in_order: Vec<&TileRows> = self.tiles.iter().collect();
         in_order.sort_by_key(|rows| rows.positions.start);
         for rows in in_order {
-            let (_, later) = rest.split_at_mut((rows.positions.start - done) * size);
+            let (_, later) = remaining.split_at_mut((rows.positions.start - done) * size);
             let (own, later) = later.split_at_mut(rows.positions.len() * size);
-            (rest, done) = (later, rows.positions.end);
+            (remaining, done) = (later, rows.positions.end);
             tiles.push((rows, own));
         }
         tiles.into_par_iter().each(|(rows, columns)| {
@@ -156,7 +160,7 @@ impl Border {
     /// border: `[STRIP, own positions]`, padded.
     pub(super) fn across(&self, factor: &Factor, other: &Self, strip: usize) -> Vec<f64> {
         let mut all = vec![0.0; STRIP * self.order.len().next_multiple_of(PAD)];
-        for (rights, lefts) in self.lines.iter().zip(&other.lines) {
+        for (rights, lefts) in self.separators.iter().zip(&other.separators) {
             let Some(left) = lefts.iter().find(|s| s.first / STRIP == strip) else {
                 continue;
             };
@@ -193,22 +197,22 @@ impl Border {
     /// Adds `W x` to values in the order of pixels.
     pub(super) fn add_to(&self, factor: &Factor, x: &[f64], values: &mut [f64]) {
         let plan = &*factor.plan;
-        let of_line = |(line, strips): (usize, &Vec<Strip>)| {
-            let own = &plan.lines[line].own;
+        let of_line = |(separator, strips): (usize, &Vec<Strip>)| {
+            let own = &plan.separators[separator].own;
             let mut sums = vec![0.0; if strips.is_empty() { 0 } else { own.len() }];
             for strip in strips {
                 strip.add_products(x, &mut sums);
             }
             sums
         };
-        let lines: Vec<_> = self.lines.par_iter().enumerate().gather(of_line);
-        for (line, sums) in plan.lines.iter().zip(&lines) {
-            for (&pixel, sum) in line.own.iter().zip(sums) {
+        let separators: Vec<_> = self.separators.par_iter().enumerate().gather(of_line);
+        for (separator, sums) in plan.separators.iter().zip(&separators) {
+            for (&pixel, sum) in separator.own.iter().zip(sums) {
                 values[pixel as usize] += sum;
             }
         }
         let of_tile = |rows: &TileRows| {
-            let pixels = plan.program(rows.tile).order.len();
+            let pixels = plan.symbolic(rows.tile).order.len();
             let mut sums = vec![0.0; pixels];
             for (x, list) in x[rows.positions.clone()]
                 .iter()
@@ -222,8 +226,8 @@ impl Border {
         };
         let tiles: Vec<_> = self.tiles.par_iter().gather(of_tile);
         for (rows, sums) in self.tiles.iter().zip(&tiles) {
-            let (tile, program) = (&plan.tiles[rows.tile], plan.program(rows.tile));
-            for (&(u, v), sum) in program.order.iter().zip(sums) {
+            let (tile, symbolic) = (&plan.tiles[rows.tile], plan.symbolic(rows.tile));
+            for (&(u, v), sum) in symbolic.order.iter().zip(sums) {
                 values[(tile.top + v) * plan.width + tile.left + u] += sum;
             }
         }
@@ -235,12 +239,12 @@ impl Border {
         let mut found = vec![0.0; self.order.len()];
         let parts = found.par_chunks_mut(STRIP).enumerate();
         parts.each(|(i, found)| {
-            for (line, strips) in plan.lines.iter().zip(&self.lines) {
+            for (separator, strips) in plan.separators.iter().zip(&self.separators) {
                 let Some(strip) = strips.iter().find(|s| s.first / STRIP == i) else {
                     continue;
                 };
                 let columns = strip.values.chunks_exact(strip.rows);
-                for (&pixel, column) in line.own.iter().zip(columns) {
+                for (&pixel, column) in separator.own.iter().zip(columns) {
                     let value = values[pixel as usize];
                     let found = found[strip.first % STRIP..].iter_mut().zip(column);
                     found.for_each(|(sum, factor)| *sum += factor * value);
@@ -248,10 +252,10 @@ impl Border {
             }
         });
         for rows in &self.tiles {
-            let (tile, program) = (&plan.tiles[rows.tile], plan.program(rows.tile));
-            let lists = rows.values.chunks_exact(program.order.len());
+            let (tile, symbolic) = (&plan.tiles[rows.tile], plan.symbolic(rows.tile));
+            let lists = rows.values.chunks_exact(symbolic.order.len());
             for (position, list) in rows.positions.clone().zip(lists) {
-                let pairs = program.order.iter().zip(list);
+                let pairs = symbolic.order.iter().zip(list);
                 let products = pairs.map(|(&(u, v), value)| {
                     value * values[(tile.top + v) * plan.width + tile.left + u]
                 });
@@ -262,56 +266,61 @@ impl Border {
     }
 }
 
-/// The positions of the observations that concern a half first; `turns` are those of all positions.
-fn positions(factor: &Factor, turns: &[u32], half: Half) -> Range<usize> {
-    let own = factor.plan.turns(half);
+/// The positions of the observations that concern a child first; `turns` are those of all positions.
+fn positions(factor: &Factor, turns: &[u32], child: Child) -> Range<usize> {
+    let own = factor.plan.turns(child);
     let at = |turn: u32| turns.partition_point(|other| *other < turn);
     at(own.start)..at(own.end)
 }
 
-/// Forward substitution through the lines.
+/// Forward substitution through the separators.
 struct Ancestors<'a> {
     factor: &'a Factor,
     of_tiles: Vec<Option<&'a TileRows>>,
-    /// Position, column and share of what observations take from each line.
-    on_lines: HashMap<usize, Vec<(usize, usize, f64)>>,
+    /// Position, column and share of what observations take from each separator.
+    on_separators: HashMap<usize, Vec<(usize, usize, f64)>>,
     turns: &'a [u32],
 }
 
 impl Ancestors<'_> {
-    /// Fills in the strips of a line and all below it, which are in `lines` from `base` on, and returns what is
-    /// left for the variables that the line keeps.
-    fn line(&self, at: usize, lines: &mut [Vec<Strip>], base: usize) -> Vec<Strip> {
-        let line = &self.factor.plan.lines[at];
-        let positions = positions(self.factor, self.turns, Half::Line(at));
+    /// Fills in the strips of a separator and all below it, which are in `separators` from `base` on, and returns the
+    /// update of the boundary of the separator.
+    fn separator(&self, at: usize, separators: &mut [Vec<Strip>], base: usize) -> Vec<Strip> {
+        let separator = &self.factor.plan.separators[at];
+        let positions = positions(self.factor, self.turns, Child::Separator(at));
         if positions.is_empty() {
             return Vec::new();
         }
-        let (below, own) = lines.split_at_mut(at - base);
+        let (below, own) = separators.split_at_mut(at - base);
         let mut front = RowsOfFront {
-            count: line.own.len(),
-            own: Strip::all(&positions, line.own.len()),
-            rest: Strip::all(&positions, line.padded()),
+            count: separator.own.len(),
+            own: Strip::all(&positions, separator.own.len()),
+            update: Strip::all(&positions, separator.padded()),
         };
-        for &(position, column, share) in self.on_lines.get(&at).into_iter().flatten() {
+        for &(position, column, share) in self.on_separators.get(&at).into_iter().flatten() {
             front.add(column as u32, position, &[share]);
         }
-        let left = if let [Half::Line(one), Half::Line(two)] = line.halves {
+        let left = if let [Child::Separator(one), Child::Separator(two)] = separator.children {
             let middle = one + 1;
             let (first, second) = below.split_at_mut(middle - base);
             let (one, two) = both(
-                line.tiles > FORK,
-                || self.line(one, first, base),
-                || self.line(two, second, middle),
+                separator.tiles > FORK,
+                || self.separator(one, first, base),
+                || self.separator(two, second, middle),
             );
             [one, two]
         } else {
-            line.halves.map(|half| match half {
-                Half::Line(half) => self.line(half, below, base),
-                Half::Tile(_) => Vec::new(),
+            separator.children.map(|child| match child {
+                Child::Separator(child) => self.separator(child, below, base),
+                Child::Tile(_) => Vec::new(),
             })
         };
-        for ((half, places), left) in line.halves.into_iter().zip(&line.places).zip(left) {
+        for ((child, places), left) in separator
+            .children
+            .into_iter()
+            .zip(&separator.places)
+            .zip(left)
+        {
             for strip in left {
                 let columns = strip.values.chunks_exact(strip.rows);
                 for (values, place) in columns.zip(places) {
@@ -320,7 +329,7 @@ impl Ancestors<'_> {
                     }
                 }
             }
-            if let Half::Tile(tile) = half
+            if let Child::Tile(tile) = child
                 && let Some(rows) = self.of_tiles[tile]
             {
                 let lists = rows.ring.chunks_exact(places.len());
@@ -333,24 +342,24 @@ impl Ancestors<'_> {
                 }
             }
         }
-        let panel = self.factor.columns(line);
-        let pairs = front.own.par_iter_mut().zip(&mut front.rest);
-        pairs.each(|(own, rest)| {
-            let (own, rest) = (&mut own.values, &mut rest.values);
-            solve_rows(self.factor.level, panel, line.own.len(), own, rest);
+        let panel = self.factor.columns(separator);
+        let pairs = front.own.par_iter_mut().zip(&mut front.update);
+        pairs.each(|(own, update)| {
+            let (own, update) = (&mut own.values, &mut update.values);
+            solve_rows(self.factor.level, panel, separator.own.len(), own, update);
         });
         own[0] = front.own;
-        front.rest
+        front.update
     }
 }
 
-/// The rows of observations in the front of a line.
+/// The rows of observations in the front of a separator.
 struct RowsOfFront {
     /// Columns that are eliminated.
     count: usize,
     own: Vec<Strip>,
-    /// For the columns that are kept.
-    rest: Vec<Strip>,
+    /// For the columns of the boundary.
+    update: Vec<Strip>,
 }
 
 impl RowsOfFront {
@@ -358,7 +367,7 @@ impl RowsOfFront {
     fn add(&mut self, place: u32, position: usize, values: &[f64]) {
         let (strips, column) = match (place as usize).checked_sub(self.count) {
             None => (&mut self.own, place as usize),
-            Some(place) => (&mut self.rest, place),
+            Some(place) => (&mut self.update, place),
         };
         let strip = position / STRIP - strips[0].first / STRIP;
         let strip = &mut strips[strip];
@@ -375,25 +384,25 @@ fn tile_rows(
     turns: &[u32],
 ) -> Vec<TileRows> {
     let plan = &*factor.plan;
-    let of_batch = |batch: &Batch| {
-        let program = &plan.programs[batch.program];
-        let pixels = program.order.len();
+    let of_batch = |batch: &TileBatch| {
+        let symbolic = &plan.symbolic_factors[batch.symbolic];
+        let pixels = symbolic.order.len();
         let mut found: Vec<TileRows> = batch
             .tiles
             .iter()
             .map(|&tile| {
-                let positions = positions(factor, turns, Half::Tile(tile));
+                let positions = positions(factor, turns, Child::Tile(tile));
                 TileRows {
                     tile,
                     values: vec![0.0; positions.len() * pixels],
-                    ring: vec![0.0; positions.len() * program.ring.len()],
+                    ring: vec![0.0; positions.len() * symbolic.ring.len()],
                     positions,
                 }
             })
             .collect();
         let most = found.iter().map(|rows| rows.positions.len()).max();
-        let columns = &factor.tiles[batch.factor..][..program.length];
-        let mut x: Vec<Rows<1>> = vec![[[0.0]; 8]; pixels + program.ring.len()];
+        let columns = &factor.tiles[batch.factor..][..symbolic.length];
+        let mut x: Vec<Rows<1>> = vec![[[0.0]; 8]; pixels + symbolic.ring.len()];
         for round in 0..most.unwrap_or(0) {
             x.fill([[0.0]; 8]);
             for (lane, rows) in found.iter().enumerate() {
@@ -403,7 +412,7 @@ fn tile_rows(
             }
             factor.level.vectorised(
                 #[inline(always)]
-                || program.forward(columns, &mut x),
+                || symbolic.forward(columns, &mut x),
             );
             for (lane, rows) in found.iter_mut().enumerate() {
                 if round < rows.positions.len() {

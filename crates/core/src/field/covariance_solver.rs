@@ -8,7 +8,6 @@
 use super::border::Border;
 use super::dense::{cholesky, squared};
 use super::factor::Factor;
-use super::observations::Observations;
 use super::prior::FieldPrior;
 use super::strip::STRIP;
 use crate::bilinear::InterpolationWeights;
@@ -43,22 +42,30 @@ pub struct CovarianceSolver {
 const TOGETHER: usize = 33;
 
 impl CovarianceSolver {
-    /// Adds observations to a field. `None` if values are not finite, a weight is not above 0, or there is no
-    /// observation.
+    /// Adds observations to a field, which read it by `interpolation`, with `weights` above 0. `columns`, `[observations,
+    /// columns]` row by row, are combined to targets. `None` if values are not finite, a weight is not above 0, or there
+    /// is no observation.
     ///
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
-    pub fn new(prior: &FieldPrior, seen: &Observations<'_>) -> Option<Self> {
-        seen.check();
-        if seen.taps.is_empty() {
+    pub fn new(
+        prior: &FieldPrior,
+        interpolation: &[InterpolationWeights],
+        weights: &[f64],
+        columns: &[f64],
+    ) -> Option<Self> {
+        assert_eq!(weights.len(), interpolation.len(), "weights");
+        if interpolation.is_empty() {
             return None;
         }
+        let count = columns.len() / interpolation.len();
+        assert_eq!(columns.len(), interpolation.len() * count, "columns");
         let factor = prior.0.clone();
-        let border = Border::new(&factor, seen.taps);
-        let (n, count) = (border.order.len(), seen.count);
-        let columns = Mat::from_fn(count, n, |j, i| seen.columns[border.order[i] * count + j]);
+        let border = Border::new(&factor, interpolation);
+        let n = border.order.len();
+        let columns = Mat::from_fn(count, n, |j, i| columns[border.order[i] * count + j]);
         let mut lower = border.covariance(&factor);
-        let weights: Vec<f64> = border.order.iter().map(|&i| seen.weights[i]).collect();
+        let weights: Vec<f64> = border.order.iter().map(|&i| weights[i]).collect();
         let size = n.next_multiple_of(PAD);
         for (i, column) in lower.chunks_exact_mut(size).enumerate() {
             column[i] += weights.get(i).map_or(1.0, |weight| weight.recip());
@@ -117,20 +124,20 @@ impl CovarianceSolver {
         for (position, &i) in self.border.order.iter().enumerate() {
             positions[i] = position;
         }
-        let mut wanted: Vec<(usize, usize)> =
+        let mut requested: Vec<(usize, usize)> =
             which.iter().map(|&i| positions[i]).zip(0..).collect();
-        wanted.sort_unstable();
+        requested.sort_unstable();
         let lower = self.triangle();
-        let variances: Vec<Vec<f64>> = wanted.par_chunks(TOGETHER).gather(|wanted| {
+        let variances: Vec<Vec<f64>> = requested.par_chunks(TOGETHER).gather(|requested| {
             // The inverse is a lower triangle, too.
-            let first = wanted[0].0;
-            let mut inverse = Mat::<f64>::zeros(n - first, wanted.len());
-            for (j, (position, _)) in wanted.iter().enumerate() {
+            let first = requested[0].0;
+            let mut inverse = Mat::<f64>::zeros(n - first, requested.len());
+            for (j, (position, _)) in requested.iter().enumerate() {
                 inverse[(position - first, j)] = 1.0;
             }
             let lower = lower.get(first.., first..);
             solve_lower_triangular_in_place(lower, inverse.as_mut(), Par::Seq);
-            let columns = inverse.col_iter().zip(wanted);
+            let columns = inverse.col_iter().zip(requested);
             columns
                 .map(|(column, (position, _))| {
                     let own = self.weights[*position].recip();
@@ -139,21 +146,21 @@ impl CovarianceSolver {
                 .collect()
         });
         let mut found = vec![0.0; which.len()];
-        for ((_, at), variance) in wanted.iter().zip(variances.into_iter().flatten()) {
+        for ((_, at), variance) in requested.iter().zip(variances.into_iter().flatten()) {
             found[*at] = variance;
         }
         found
     }
 
-    /// What the field leaves of each observation, with each combination t of the columns as targets: `A^-1 C^-1 t`,
+    /// The residual of each observation, with each combination t of the columns as targets: `A^-1 C^-1 t`,
     /// `[observations, combinations]` from `[columns, combinations]`.
-    pub fn left(&self, combinations: MatRef<'_, f64>) -> Mat<f64> {
+    pub fn residuals(&self, combinations: MatRef<'_, f64>) -> Mat<f64> {
         let pulls = self.pulls(combinations);
         let mut found = Mat::zeros(pulls.nrows(), pulls.ncols());
         for (i, &at) in self.border.order.iter().enumerate() {
             let own = self.weights[i].recip();
             let pairs = found.row_mut(at).iter_mut().zip(pulls.row(i).iter());
-            pairs.for_each(|(left, pull)| *left = own * pull);
+            pairs.for_each(|(residual, pull)| *residual = own * pull);
         }
         found
     }
@@ -163,18 +170,22 @@ impl CovarianceSolver {
     ///
     /// # Panics
     /// If a pixel is outside the grid.
-    pub fn at(&self, taps: &[InterpolationWeights], combinations: MatRef<'_, f64>) -> Mat<f64> {
-        let other = Border::new(&self.factor, taps);
+    pub fn at(
+        &self,
+        interpolation: &[InterpolationWeights],
+        combinations: MatRef<'_, f64>,
+    ) -> Mat<f64> {
+        let other = Border::new(&self.factor, interpolation);
         let pulls = self.pulls(combinations);
         // By strips, whose covariances with the observations stay in the cache.
-        let strips = (0..taps.len().div_ceil(STRIP)).into_par_iter();
+        let strips = (0..interpolation.len().div_ceil(STRIP)).into_par_iter();
         let found: Vec<_> = strips.gather(|strip| {
             let across = self.border.across(&self.factor, &other, strip);
             let size = pulls.nrows().next_multiple_of(PAD);
             let across = MatRef::from_column_major_slice(&across, STRIP, size);
             across.subcols(0, pulls.nrows()) * &pulls
         });
-        let mut values = Mat::zeros(taps.len(), combinations.ncols());
+        let mut values = Mat::zeros(interpolation.len(), combinations.ncols());
         for (i, &at) in other.order.iter().enumerate() {
             values
                 .row_mut(at)
@@ -267,15 +278,18 @@ impl FieldPrior {
     ///
     /// # Panics
     /// If a pixel is outside the grid.
-    pub fn covariance(&self, taps: &[InterpolationWeights]) -> Mat<f64> {
-        covariance(&self.0, taps)
+    pub fn covariance(&self, interpolation: &[InterpolationWeights]) -> Mat<f64> {
+        covariance(&self.0, interpolation)
     }
 }
 
-/// `S K^-1 S'`, in the order of the taps.
-fn covariance(factor: &Factor, taps: &[InterpolationWeights]) -> Mat<f64> {
-    let border = Border::new(factor, taps);
-    let (n, size) = (taps.len(), taps.len().next_multiple_of(PAD));
+/// `S K^-1 S'`, in the order of `interpolation`.
+fn covariance(factor: &Factor, interpolation: &[InterpolationWeights]) -> Mat<f64> {
+    let border = Border::new(factor, interpolation);
+    let (n, size) = (
+        interpolation.len(),
+        interpolation.len().next_multiple_of(PAD),
+    );
     let lower = border.covariance(factor);
     let mut positions = vec![0; n];
     for (position, &i) in border.order.iter().enumerate() {
@@ -296,12 +310,12 @@ fn triangle(values: &[f64], n: usize) -> MatRef<'_, f64> {
 /// Some columns each.
 fn column_chunks(matrix: MatMut<'_, f64>) -> Vec<MatMut<'_, f64>> {
     let mut chunks = Vec::new();
-    let mut rest = matrix;
-    while rest.ncols() > 0 {
-        let count = TOGETHER.min(rest.ncols());
-        let (own, others) = rest.split_at_col_mut(count);
+    let mut remaining = matrix;
+    while remaining.ncols() > 0 {
+        let count = TOGETHER.min(remaining.ncols());
+        let (own, others) = remaining.split_at_col_mut(count);
         chunks.push(own);
-        rest = others;
+        remaining = others;
     }
     chunks
 }

@@ -4,7 +4,7 @@
 //! strips, each of which is a task of its own.
 
 use super::strip::{STRIP, Strip};
-use lsdc_kernels::cholesky::{Block, factorise, solve_rows, subtract_product};
+use lsdc_kernels::cholesky::{MatrixBlock, factorise, solve_rows, subtract_product};
 use lsdc_kernels::schedule::{InTasks, join};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
@@ -94,7 +94,7 @@ pub(super) fn squared(level: Level, matrix: &[f64], rows: usize) -> Vec<f64> {
     let parts = square.par_chunks_mut((STRIP * rows).max(1)).enumerate();
     parts.each(|(i, columns)| {
         let first = i * STRIP;
-        let factor = Block {
+        let factor = MatrixBlock {
             values: &matrix[first..],
             stride: rows,
         };

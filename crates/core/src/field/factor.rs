@@ -1,10 +1,10 @@
 //! The Cholesky factor of a field's equations, in the order of a plan.
 
-use super::plan::{Batch, FORK, Half, Line, Plan};
-use super::runs::Run;
+use super::plan::{Child, FORK, Plan, Separator, TileBatch};
+use super::runs::IndexRun;
 use super::stencil::Stencil;
 use super::symbolic::SymbolicFactor;
-use lsdc_kernels::cholesky::{Eight, factorise};
+use lsdc_kernels::cholesky::{F64x8, factorise};
 use lsdc_kernels::schedule::{join, region};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
@@ -16,34 +16,33 @@ pub(super) struct Factor {
     pub(super) plan: Arc<Plan>,
     pub(super) level: Level,
     /// Of all tiles, eight at a time.
-    pub(super) tiles: Vec<Eight>,
-    /// Of all lines.
-    pub(super) lines: Vec<f64>,
+    pub(super) tiles: Vec<F64x8>,
+    /// Of all separators.
+    pub(super) separators: Vec<f64>,
 }
 
-/// Memory for values of tiles and of lines: of a factor, or of what they leave until the next line is eliminated.
+/// Buffers for values of tiles and of separators: of a factor, or of update matrices.
 #[derive(Debug)]
 struct Memory<T> {
     tiles: Vec<T>,
-    lines: Vec<f64>,
+    separators: Vec<f64>,
 }
 
-/// Memory that factors of any plan use one after the other, because new memory costs as much time as a good part of a
-/// factor.
+/// A pool of buffers for factors of any plan, because allocating them takes as much time as a good part of a factor.
 struct BufferPool<T>(Mutex<Vec<Memory<T>>>);
 
-static FACTORS: BufferPool<Eight> = BufferPool(Mutex::new(Vec::new()));
-static RESTS: BufferPool<f64> = BufferPool(Mutex::new(Vec::new()));
+static FACTORS: BufferPool<F64x8> = BufferPool(Mutex::new(Vec::new()));
+static UPDATES: BufferPool<f64> = BufferPool(Mutex::new(Vec::new()));
 
-/// Gives the memory that is kept for what tiles and lines leave back: for what is needed after a factor and is as large.
-pub(super) fn forget_rests() {
-    RESTS.list().clear();
+/// Frees the buffers of update matrices, before other matrices of that size are needed.
+pub(super) fn free_updates() {
+    UPDATES.list().clear();
 }
 
-/// Gives all memory back that is kept for further factors.
-pub(super) fn forget_memory() {
+/// Frees all buffers for further factors.
+pub(super) fn free_memory() {
     FACTORS.list().clear();
-    forget_rests();
+    free_updates();
 }
 
 impl<T: Copy> BufferPool<T> {
@@ -51,26 +50,26 @@ impl<T: Copy> BufferPool<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Any values of these lengths, in memory that was used before, if there is any: the smallest that suffices, or the
-    /// largest.
-    fn take(&self, (tiles, zero): (usize, T), lines: usize) -> Memory<T> {
+    /// A buffer of these lengths with any values, from the pool if it has one: the smallest that suffices, or the largest.
+    fn take(&self, (tiles, zero): (usize, T), separators: usize) -> Memory<T> {
         let mut memory = {
             let mut list = self.list();
             list.sort_unstable_by_key(Memory::bytes);
-            let suffices =
-                |own: &Memory<T>| own.tiles.capacity() >= tiles && own.lines.capacity() >= lines;
+            let suffices = |own: &Memory<T>| {
+                own.tiles.capacity() >= tiles && own.separators.capacity() >= separators
+            };
             let place = list.iter().position(suffices);
             let place = place.or(list.len().checked_sub(1));
             place.map(|place| list.remove(place))
         }
         .unwrap_or_default();
         resize(&mut memory.tiles, tiles, zero);
-        resize(&mut memory.lines, lines, 0.0);
+        resize(&mut memory.separators, separators, 0.0);
         memory
     }
 
     fn give(&self, memory: Memory<T>) {
-        /// How many are kept, and how many bytes each may have: what is larger is given back.
+        /// Buffers in the pool, and their largest size in bytes: larger ones are freed.
         const KEPT: usize = 4;
         const MOST_BYTES: usize = 1 << 27;
         let mut list = self.list();
@@ -90,7 +89,7 @@ fn resize<T: Copy>(memory: &mut Vec<T>, length: usize, value: T) {
 
 impl<T> Memory<T> {
     fn bytes(&self) -> usize {
-        size_of::<T>() * self.tiles.capacity() + size_of::<f64>() * self.lines.capacity()
+        size_of::<T>() * self.tiles.capacity() + size_of::<f64>() * self.separators.capacity()
     }
 }
 
@@ -98,7 +97,7 @@ impl<T> Default for Memory<T> {
     fn default() -> Self {
         Self {
             tiles: Vec::new(),
-            lines: Vec::new(),
+            separators: Vec::new(),
         }
     }
 }
@@ -107,7 +106,7 @@ impl Drop for Factor {
     fn drop(&mut self) {
         FACTORS.give(Memory {
             tiles: std::mem::take(&mut self.tiles),
-            lines: std::mem::take(&mut self.lines),
+            separators: std::mem::take(&mut self.separators),
         });
     }
 }
@@ -115,92 +114,96 @@ impl Drop for Factor {
 impl Factor {
     /// Factorises a matrix; `None` if it is not positive definite.
     pub(super) fn new(plan: Arc<Plan>, stencil: &Stencil) -> Option<Self> {
-        let factor = FACTORS.take((plan.lengths.tiles, [0.0; 8]), plan.lengths.lines);
+        let factor = FACTORS.take((plan.lengths.tiles, [0.0; 8]), plan.lengths.separators);
         let Memory {
             mut tiles,
-            mut lines,
+            mut separators,
         } = factor;
         let level = Level::here();
-        let room = match plan.root {
-            Half::Tile(_) => 0,
-            Half::Line(root) => plan.lines[root].room + plan.lines[root].square(),
+        let workspace = match plan.root {
+            Child::Tile(_) => 0,
+            Child::Separator(root) => {
+                plan.separators[root].workspace + plan.separators[root].square()
+            }
         };
-        let mut rests = RESTS.take((plan.lengths.rests, 0.0), room);
-        let mut found = eliminate_tiles(&plan, level, stencil, &mut tiles, &mut rests.tiles);
-        if let (true, Half::Line(root)) = (found, plan.root) {
-            let work = Lines {
+        let mut updates = UPDATES.take((plan.lengths.updates, 0.0), workspace);
+        let mut found = eliminate_tiles(&plan, level, stencil, &mut tiles, &mut updates.tiles);
+        if let (true, Child::Separator(root)) = (found, plan.root) {
+            let work = SeparatorElimination {
                 plan: &plan,
                 level,
                 stencil,
-                rests: &rests.tiles,
+                updates: &updates.tiles,
             };
-            let (rest, room) = rests.lines.split_at_mut(plan.lines[root].square());
-            found = work.eliminate(root, &mut lines, 0, rest, room);
+            let (update, workspace) = updates
+                .separators
+                .split_at_mut(plan.separators[root].square());
+            found = work.eliminate(root, &mut separators, 0, update, workspace);
         }
-        RESTS.give(rests);
+        UPDATES.give(updates);
         let factor = Self {
             plan,
             level,
             tiles,
-            lines,
+            separators,
         };
         found.then_some(factor)
     }
 
-    /// The columns of a line, `[rows, own]`.
-    pub(super) fn columns(&self, line: &Line) -> &[f64] {
-        &self.lines[line.start..][..line.rows * line.own.len()]
+    /// The columns of a separator, `[rows, own]`.
+    pub(super) fn columns(&self, separator: &Separator) -> &[f64] {
+        &self.separators[separator.start..][..separator.rows * separator.own.len()]
     }
 }
 
-/// A batch of tiles, its program, and where its factor and what it leaves go.
-type Work<'a> = (
-    &'a Batch,
+/// A batch of tiles, its symbolic factor, and the memory for its factor and update matrices.
+type BatchWork<'a> = (
+    &'a TileBatch,
     &'a SymbolicFactor,
-    &'a mut [Eight],
+    &'a mut [F64x8],
     &'a mut [f64],
 );
 
 /// Memory of a thread for one batch after the other.
-type Memories = (Vec<Eight>, Vec<Eight>, Vec<Eight>);
+type Memories = (Vec<F64x8>, Vec<F64x8>, Vec<F64x8>);
 
 fn eliminate_tiles(
     plan: &Plan,
     level: Level,
     stencil: &Stencil,
-    factors: &mut [Eight],
-    rests: &mut [f64],
+    factors: &mut [F64x8],
+    updates: &mut [f64],
 ) -> bool {
-    let (mut factors, mut rests) = (factors, rests);
+    let (mut factors, mut updates) = (factors, updates);
     let mut work = Vec::with_capacity(plan.batches.len());
     for batch in &plan.batches {
-        let program = &plan.programs[batch.program];
-        let (factor, others) = factors.split_at_mut(program.length);
-        let (rest, left) = rests.split_at_mut(8 * program.ring.len().pow(2));
-        (factors, rests) = (others, left);
-        work.push((batch, program, factor, rest));
+        let symbolic = &plan.symbolic_factors[batch.symbolic];
+        let (factor, others) = factors.split_at_mut(symbolic.length);
+        let (update, left) = updates.split_at_mut(8 * symbolic.ring.len().pow(2));
+        (factors, updates) = (others, left);
+        work.push((batch, symbolic, factor, update));
     }
     let memory = || (Vec::new(), Vec::new(), Vec::new());
-    let eliminate = |(entries, room, eight): &mut Memories,
-                     (batch, program, factor, rest): Work<'_>| {
-        entries.resize(program.sources.len(), [0.0; 8]);
-        room.resize(program.room(), [0.0; 8]);
-        eight.resize(program.rest(), [0.0; 8]);
+    let eliminate = |(entries, workspace, eight): &mut Memories,
+                     (batch, symbolic, factor, update): BatchWork<'_>| {
+        entries.resize(symbolic.sources.len(), [0.0; 8]);
+        workspace.resize(symbolic.workspace(), [0.0; 8]);
+        eight.resize(symbolic.update(), [0.0; 8]);
         // Lanes without a tile do as the last one does.
         let tile = |lane: usize| &plan.tiles[batch.tiles[lane.min(batch.tiles.len() - 1)]];
         let places: [usize; 8] = std::array::from_fn(|lane| {
             let tile = tile(lane);
             stencil.place(tile.left, tile.top)
         });
-        for (value, source) in entries.iter_mut().zip(&program.sources) {
+        for (value, source) in entries.iter_mut().zip(&symbolic.sources) {
             let offset = stencil.offset(source.x, source.y);
             let map = stencil.map(source.entry);
             *value = places.map(|place| map[place.wrapping_add_signed(offset)]);
         }
-        let found = program.eliminate(level, entries, factor, eight, room);
+        let found = symbolic.eliminate(symbolic.last(), level, entries, factor, eight, workspace);
         level.vectorised(
             #[inline(always)]
-            || program.part(eight, rest),
+            || symbolic.part(eight, update),
         );
         found
     };
@@ -213,135 +216,143 @@ fn eliminate_tiles(
     })
 }
 
-/// The elimination of lines.
-struct Lines<'a> {
+/// The elimination of separators.
+struct SeparatorElimination<'a> {
     plan: &'a Plan,
     level: Level,
     stencil: &'a Stencil,
-    rests: &'a [f64],
+    updates: &'a [f64],
 }
 
-impl Lines<'_> {
-    /// Eliminates a line and all below it; `factor` holds the columns of these from `base` on.
+impl SeparatorElimination<'_> {
+    /// Eliminates a separator and all below it; `factor` holds the columns of these from `base` on.
     fn eliminate(
         &self,
         at: usize,
         factor: &mut [f64],
         base: usize,
-        rest: &mut [f64],
-        room: &mut [f64],
+        update: &mut [f64],
+        workspace: &mut [f64],
     ) -> bool {
-        let line = &self.plan.lines[at];
-        let (below, panel) = factor.split_at_mut(line.start - base);
+        let separator = &self.plan.separators[at];
+        let (below, panel) = factor.split_at_mut(separator.start - base);
         let front = &mut Front {
-            count: line.own.len(),
-            panel: &mut panel[..line.rows * line.own.len()],
-            rows: line.rows,
-            rest,
+            count: separator.own.len(),
+            panel: &mut panel[..separator.rows * separator.own.len()],
+            rows: separator.rows,
+            update,
         };
         front.clear();
-        for &(row, column, entry, place) in &line.entries {
+        for &(row, column, entry, place) in &separator.entries {
             let value = self.stencil.get(entry, place as usize);
             front.column(column as usize, row as usize)[0] = value;
         }
-        let lines = &self.plan.lines;
-        let halves = line.halves.map(|half| match half {
-            Half::Line(half) => Some(half),
-            Half::Tile(_) => None,
+        let separators = &self.plan.separators;
+        let children = separator.children.map(|child| match child {
+            Child::Separator(child) => Some(child),
+            Child::Tile(_) => None,
         });
-        let found = if let [Some(one), Some(two)] = halves {
-            let split = lines[one].start + lines[one].rows * lines[one].own.len() - base;
+        let found = if let [Some(one), Some(two)] = children {
+            let split =
+                separators[one].start + separators[one].rows * separators[one].own.len() - base;
             let (first, second) = below.split_at_mut(split);
-            let (rest_one, room) = room.split_at_mut(lines[one].square());
-            let (found, rest_two) = if line.tiles > FORK {
-                let (room_one, room) = room.split_at_mut(lines[one].room);
-                let (rest_two, room) = room.split_at_mut(lines[two].square());
+            let (rest_one, workspace) = workspace.split_at_mut(separators[one].square());
+            let (found, rest_two) = if separator.tiles > FORK {
+                let (room_one, workspace) = workspace.split_at_mut(separators[one].workspace);
+                let (rest_two, workspace) = workspace.split_at_mut(separators[two].square());
                 let (one, two) = join(
                     || self.eliminate(one, first, base, rest_one, room_one),
-                    || self.eliminate(two, second, base + split, rest_two, room),
+                    || self.eliminate(two, second, base + split, rest_two, workspace),
                 );
                 (one && two, rest_two)
             } else {
-                let found = self.eliminate(one, first, base, rest_one, room);
-                let (rest_two, room) = room.split_at_mut(lines[two].square());
-                let two = self.eliminate(two, second, base + split, rest_two, room);
+                let found = self.eliminate(one, first, base, rest_one, workspace);
+                let (rest_two, workspace) = workspace.split_at_mut(separators[two].square());
+                let two = self.eliminate(two, second, base + split, rest_two, workspace);
                 (found && two, rest_two)
             };
-            self.add(line, 0, one, rest_one, front);
-            self.add(line, 1, two, rest_two, front);
+            self.add(separator, 0, one, rest_one, front);
+            self.add(separator, 1, two, rest_two, front);
             found
         } else {
             let mut found = true;
-            for (i, half) in line.halves.into_iter().enumerate() {
-                match half {
-                    Half::Line(half) => {
-                        let (own, room) = room.split_at_mut(lines[half].square());
-                        found &= self.eliminate(half, below, base, own, room);
-                        self.add(line, i, half, own, front);
+            for (i, child) in separator.children.into_iter().enumerate() {
+                match child {
+                    Child::Separator(child) => {
+                        let (own, workspace) = workspace.split_at_mut(separators[child].square());
+                        found &= self.eliminate(child, below, base, own, workspace);
+                        self.add(separator, i, child, own, front);
                     }
-                    Half::Tile(tile) => self.add_tile(line, i, tile, front),
+                    Child::Tile(tile) => self.add_tile(separator, i, tile, front),
                 }
             }
             found
         };
-        found && factorise(self.level, front.panel, front.count, front.rest)
+        found && factorise(self.level, front.panel, front.count, front.update)
     }
 
-    /// Adds what a line leaves to the equations of the next.
-    fn add(&self, line: &Line, half: usize, from: usize, values: &[f64], front: &mut Front<'_>) {
-        let stride = self.plan.lines[from].padded();
+    /// Adds the update matrix of a separator to the front of the next.
+    fn add(
+        &self,
+        separator: &Separator,
+        child: usize,
+        from: usize,
+        values: &[f64],
+        front: &mut Front<'_>,
+    ) {
+        let stride = self.plan.separators[from].padded();
         self.level.vectorised(
             #[inline(always)]
-            || front.add(&line.runs[half], values, stride),
+            || front.add(&separator.runs[child], values, stride),
         );
     }
 
-    /// Adds what a tile leaves.
-    fn add_tile(&self, line: &Line, half: usize, tile: usize, front: &mut Front<'_>) {
+    /// Adds the update matrix of a tile.
+    fn add_tile(&self, separator: &Separator, child: usize, tile: usize, front: &mut Front<'_>) {
         let tile = &self.plan.tiles[tile];
         let batch = &self.plan.batches[tile.batch];
-        let ring = self.plan.programs[batch.program].ring.len();
-        let values = &self.rests[batch.rest + tile.lane * ring * ring..][..ring * ring];
+        let ring = self.plan.symbolic_factors[batch.symbolic].ring.len();
+        let values = &self.updates[batch.update + tile.lane * ring * ring..][..ring * ring];
         self.level.vectorised(
             #[inline(always)]
-            || front.add(&line.runs[half], values, ring),
+            || front.add(&separator.runs[child], values, ring),
         );
     }
 }
 
-/// The equations of a line, lower half.
+/// The equations of a separator, lower half.
 struct Front<'a> {
     /// Variables that are eliminated.
     count: usize,
     /// Their columns, `[rows, count]`.
     panel: &'a mut [f64],
     rows: usize,
-    /// Those of the variables that are kept, `[kept, kept]`.
-    rest: &'a mut [f64],
+    /// The update matrix: those of the boundary, `[boundary, boundary]`.
+    update: &'a mut [f64],
 }
 
 impl Front<'_> {
     /// A column from a row on.
     #[inline(always)]
     fn column(&mut self, column: usize, row: usize) -> &mut [f64] {
-        let kept = self.rows - self.count;
+        let boundary = self.rows - self.count;
         match column.checked_sub(self.count) {
             None => &mut self.panel[column * self.rows + row..][..self.rows - row],
-            Some(own) => &mut self.rest[own * kept + row - self.count..][..self.rows - row],
+            Some(own) => &mut self.update[own * boundary + row - self.count..][..self.rows - row],
         }
     }
 
     fn clear(&mut self) {
         self.panel.fill(0.0);
-        let kept = self.rows - self.count;
-        for (j, column) in self.rest.chunks_exact_mut(kept.max(1)).enumerate() {
+        let boundary = self.rows - self.count;
+        for (j, column) in self.update.chunks_exact_mut(boundary.max(1)).enumerate() {
             column[j..].fill(0.0);
         }
     }
 
     /// Adds the lower half of a matrix whose variables are in runs of this one's.
     #[inline(always)]
-    fn add(&mut self, runs: &[Run], values: &[f64], stride: usize) {
+    fn add(&mut self, runs: &[IndexRun], values: &[f64], stride: usize) {
         for (r, run) in runs.iter().enumerate() {
             for (j, to) in run.from.clone().zip(run.to..) {
                 let below = &values[j * stride + j..j * stride + run.from.end];

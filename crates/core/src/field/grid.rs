@@ -12,7 +12,7 @@ pub struct Grid<'a> {
     /// Affinity of each pixel with the one below; the last row is not used.
     pub down: &'a [f64],
     /// Strength of the pull of each pixel towards 0; 0 = none.
-    pub level: f64,
+    pub diagonal_regularisation: f64,
 }
 
 impl Grid<'_> {

@@ -1,9 +1,10 @@
 //! A smooth field on a pixel grid, observed at some positions: the minimum of
 //!
-//! > sum over neighbours c_ij (y_i - y_j)^2 + level sum over pixels y_i^2
+//! > sum over neighbours c_ij (y_i - y_j)^2 + e sum over pixels y_i^2
 //! > + sum over observations a_p (s_p . y - t_p)^2
 //!
-//! for targets t; s_p interpolates the field bilinearly between the pixels around a position.
+//! for targets t and the regularisation e of the diagonal; s_p interpolates the field bilinearly between the pixels around
+//! a position.
 //!
 //! It is solved directly, by Cholesky factorisation in the order of nested dissection (George 1973), in one of two
 //! forms. [`CovarianceSolver`] starts from the factor of the equations without observations ([`FieldPrior`]), which depends
@@ -16,7 +17,6 @@ mod dense;
 mod factor;
 mod grid;
 mod inverse;
-mod observations;
 mod plan;
 mod precision_solver;
 mod prior;
@@ -30,15 +30,14 @@ mod tests;
 
 pub use covariance_solver::CovarianceSolver;
 pub use grid::Grid;
-pub use observations::Observations;
 pub use precision_solver::PrecisionSolver;
-pub use prior::{FieldPrior, LEAST_LEVEL};
+pub use prior::{FieldPrior, LEAST_REGULARISATION};
 
-/// Gives memory back that is kept for further fields of any size, of this process; what fields in use hold is kept when
+/// Frees the buffers that this process keeps for further fields of any size; the buffers of fields in use are kept when
 /// they are dropped.
 pub(crate) fn release() {
-    factor::forget_memory();
-    plan::forget_plans();
+    factor::free_memory();
+    plan::free_plans();
 }
 
 /// With more observations [`CovarianceSolver`], whose cost grows with their square, is not the faster form.

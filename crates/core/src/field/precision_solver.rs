@@ -11,9 +11,10 @@
 use super::factor::Factor;
 use super::grid::Grid;
 use super::plan::Plan;
-use super::stencil::{Neighbours, Stencil};
+use super::stencil::{Connectivity, Stencil};
 use super::sweep::Row;
 use crate::bilinear::InterpolationWeights;
+use crate::lazy::get_or_compute;
 use faer::{Mat, MatRef};
 use std::sync::OnceLock;
 
@@ -21,21 +22,25 @@ use std::sync::OnceLock;
 #[derive(Debug)]
 pub struct PrecisionSolver {
     factor: Factor,
-    taps: Vec<InterpolationWeights>,
+    interpolation: Vec<InterpolationWeights>,
     weights: Vec<f64>,
-    /// The inverse of the equations at pixels that are joined, once it was asked for.
+    /// The inverse of the equations at pixels that are joined, computed on first use.
     inverse: OnceLock<Box<Stencil>>,
 }
 
 impl PrecisionSolver {
-    /// Factorises the equations with observations of these `weights`, each above 0, at positions that `taps`
+    /// Factorises the equations with observations of these `weights`, each above 0, at positions that `interpolation`
     /// interpolate. `None` if there is no observation, or if the equations are not positive definite in floating
     /// point.
     ///
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
-    pub fn new(grid: &Grid<'_>, taps: &[InterpolationWeights], weights: &[f64]) -> Option<Self> {
-        Self::with_lumped(grid, taps, weights, |_| false)
+    pub fn new(
+        grid: &Grid<'_>,
+        interpolation: &[InterpolationWeights],
+        weights: &[f64],
+    ) -> Option<Self> {
+        Self::with_lumped(grid, interpolation, weights, |_| false)
     }
 
     /// The same, where the observations for whose index `lumped` is true are lumped.
@@ -44,34 +49,34 @@ impl PrecisionSolver {
     /// As for [`Self::new`].
     pub fn with_lumped(
         grid: &Grid<'_>,
-        taps: &[InterpolationWeights],
+        interpolation: &[InterpolationWeights],
         weights: &[f64],
         lumped: impl Fn(usize) -> bool,
     ) -> Option<Self> {
         grid.check();
-        assert_eq!(taps.len(), weights.len(), "weights");
-        if taps.is_empty() {
+        assert_eq!(interpolation.len(), weights.len(), "weights");
+        if interpolation.is_empty() {
             return None;
         }
         let mut equations = Stencil::new(grid);
         let mut on_pixels = true;
-        for (i, (taps, &weight)) in taps.iter().zip(weights).enumerate() {
+        for (i, (interpolation, &weight)) in interpolation.iter().zip(weights).enumerate() {
             if lumped(i) {
-                equations.observe_lumped(taps, weight);
+                equations.observe_lumped(interpolation, weight);
             } else {
-                equations.observe(taps, weight);
-                on_pixels &= taps.single().is_some();
+                equations.observe(interpolation, weight);
+                on_pixels &= interpolation.single().is_some();
             }
         }
         let neighbours = if on_pixels {
-            Neighbours::Four
+            Connectivity::Four
         } else {
-            Neighbours::Eight
+            Connectivity::Eight
         };
         let plan = Plan::of(grid.height, grid.width, neighbours);
         Some(Self {
             factor: Factor::new(plan, &equations)?,
-            taps: taps.to_vec(),
+            interpolation: interpolation.to_vec(),
             weights: weights.to_vec(),
             inverse: OnceLock::new(),
         })
@@ -82,53 +87,33 @@ impl PrecisionSolver {
     /// # Panics
     /// If lengths do not match.
     pub fn extend(&self, targets: &[f64]) -> Vec<f64> {
-        let targets = targets.as_chunks::<1>().0;
-        self.extend_all(targets).into_flattened()
+        let zeros = vec![[0.0]; self.factor.plan.len()];
+        self.extend_with(targets.as_chunks::<1>().0, zeros)
+            .into_flattened()
     }
 
-    /// The same with a further right-hand side at every pixel.
+    /// The fields `[pixels, B]` for a few lists of targets `[observations, B]` and further right-hand sides at every pixel.
     ///
     /// # Panics
     /// If lengths do not match.
-    pub fn extend_with(&self, targets: &[f64], mut right: Vec<f64>) -> Vec<f64> {
-        self.add_extended(targets.as_chunks::<1>().0, right.as_chunks_mut::<1>().0);
-        right
-    }
-
-    /// The fields `[pixels, B]` for a few lists of targets `[observations, B]`.
-    ///
-    /// # Panics
-    /// If lengths do not match.
-    pub fn extend_all<const B: usize>(&self, targets: &[Row<B>]) -> Vec<Row<B>> {
-        let mut values = vec![[0.0; B]; self.factor.plan.len()];
-        self.add_extended(targets, &mut values);
-        values
-    }
-
-    /// The same with further right-hand sides at every pixel.
-    ///
-    /// # Panics
-    /// If lengths do not match.
-    pub fn extend_all_with<const B: usize>(
+    pub fn extend_with<const B: usize>(
         &self,
         targets: &[Row<B>],
-        mut right: Vec<Row<B>>,
+        right_sides: Vec<Row<B>>,
     ) -> Vec<Row<B>> {
-        self.add_extended(targets, &mut right);
-        right
-    }
-
-    /// Turns right-hand sides into the fields for these and for targets.
-    fn add_extended<const B: usize>(&self, targets: &[Row<B>], values: &mut [Row<B>]) {
-        assert_eq!(targets.len(), self.taps.len(), "targets");
-        for ((taps, weight), target) in self.taps.iter().zip(&self.weights).zip(targets) {
-            for (pixel, share) in taps.iter() {
+        assert_eq!(targets.len(), self.interpolation.len(), "targets");
+        let mut values = right_sides;
+        for ((interpolation, weight), target) in
+            self.interpolation.iter().zip(&self.weights).zip(targets)
+        {
+            for (pixel, share) in interpolation.iter() {
                 let sums = values[pixel as usize].iter_mut().zip(target);
                 sums.for_each(|(sum, target)| *sum += weight * share * target);
             }
         }
-        self.factor.forward(values);
-        self.factor.backward(values);
+        self.factor.forward(&mut values);
+        self.factor.backward(&mut values);
+        values
     }
 
     /// `H^-1 right`, for a right-hand side at every pixel.
@@ -149,11 +134,12 @@ impl PrecisionSolver {
     /// # Panics
     /// If lengths do not match.
     pub fn pull_from(&self, targets: &[f64], field: &[f64]) -> Vec<f64> {
-        let rest = |((taps, weight), target): ((&InterpolationWeights, &f64), &f64)| {
-            weight * (target - taps.read(field))
-        };
-        let observations = self.taps.iter().zip(&self.weights);
-        observations.zip(targets).map(rest).collect()
+        let residual =
+            |((interpolation, weight), target): ((&InterpolationWeights, &f64), &f64)| {
+                weight * (target - interpolation.read(field))
+            };
+        let observations = self.interpolation.iter().zip(&self.weights);
+        observations.zip(targets).map(residual).collect()
     }
 
     /// `columns' C^-1 columns`, for columns `[observations, count]`, row by row.
@@ -163,7 +149,7 @@ impl PrecisionSolver {
     pub fn moments(&self, columns: &[f64], count: usize) -> Mat<f64> {
         /// Columns side by side.
         const B: usize = 4;
-        let n = self.taps.len();
+        let n = self.interpolation.len();
         let columns = MatRef::from_row_major_slice(columns, n, count);
         let mut pulls = Mat::zeros(n, count);
         for first in (0..count).step_by(B) {
@@ -175,10 +161,12 @@ impl PrecisionSolver {
                 }
             };
             let targets: Vec<Row<B>> = (0..n).map(|i| std::array::from_fn(|b| own(i, b))).collect();
-            let fields = self.extend_all(&targets);
-            for (i, (taps, weight)) in self.taps.iter().zip(&self.weights).enumerate() {
+            let fields = self.extend_with(&targets, vec![[0.0; B]; self.factor.plan.len()]);
+            for (i, (interpolation, weight)) in
+                self.interpolation.iter().zip(&self.weights).enumerate()
+            {
                 for b in 0..B.min(count - first) {
-                    let read = taps
+                    let read = interpolation
                         .iter()
                         .map(|(pixel, share)| share * fields[pixel as usize][b]);
                     pulls[(i, first + b)] = weight * (targets[i][b] - read.sum::<f64>());
@@ -191,12 +179,15 @@ impl PrecisionSolver {
     /// The variance of the field at each observation, given the targets: `s' H^-1 s`.
     pub fn variances(&self) -> Vec<f64> {
         let inverse = self.inverse();
-        self.taps.iter().map(|taps| inverse.at(taps)).collect()
+        self.interpolation
+            .iter()
+            .map(|interpolation| inverse.at(interpolation))
+            .collect()
     }
 
     /// The variance of the field where it is read from these pixels, given the targets.
-    pub fn variance(&self, taps: &InterpolationWeights) -> f64 {
-        self.inverse().at(taps)
+    pub fn variance(&self, interpolation: &InterpolationWeights) -> f64 {
+        self.inverse().at(interpolation)
     }
 
     /// The variance of the field at each pixel: the diagonal of `H^-1`.
@@ -205,11 +196,6 @@ impl PrecisionSolver {
     }
 
     fn inverse(&self) -> &Stencil {
-        if let Some(inverse) = self.inverse.get() {
-            return inverse;
-        }
-        // Not within the initialiser: a thread that waits for others there may take up work that asks for the same.
-        let found = self.factor.inverse();
-        self.inverse.get_or_init(|| Box::new(found))
+        get_or_compute(&self.inverse, || Box::new(self.factor.inverse())).as_ref()
     }
 }

@@ -3,28 +3,31 @@
 use super::factor::Factor;
 use super::grid::Grid;
 use super::plan::Plan;
-use super::stencil::{Neighbours, Stencil};
+use super::stencil::{Connectivity, Stencil};
 use std::sync::Arc;
 
-/// The least level of a [`FieldPrior`].
-pub const LEAST_LEVEL: f64 = 1e-12;
+/// The smallest diagonal regularisation of a [`FieldPrior`].
+pub const LEAST_REGULARISATION: f64 = 1e-12;
 
 /// A field before any observation: the factor of its equations, which every set of observations shares.
 #[derive(Clone, Debug)]
 pub struct FieldPrior(pub(super) Arc<Factor>);
 
 impl FieldPrior {
-    /// Factorises the equations. `None` if values are not finite, or `level` is below [`LEAST_LEVEL`]: the field is
-    /// then free by a constant until it is observed, whose variance drowns all others in rounding.
+    /// Factorises the equations. `None` if values are not finite, or `diagonal_regularisation` is below
+    /// [`LEAST_REGULARISATION`]: the field is then free by a constant until it is observed, whose variance drowns all
+    /// others in rounding.
     ///
     /// # Panics
     /// If lengths do not match.
     pub fn new(grid: &Grid<'_>) -> Option<Self> {
         grid.check();
-        if grid.level.is_nan() || grid.level < LEAST_LEVEL {
+        if grid.diagonal_regularisation.is_nan()
+            || grid.diagonal_regularisation < LEAST_REGULARISATION
+        {
             return None;
         }
-        let plan = Plan::of(grid.height, grid.width, Neighbours::Four);
+        let plan = Plan::of(grid.height, grid.width, Connectivity::Four);
         let factor = Factor::new(plan, &Stencil::new(grid));
         factor.map(|factor| Self(Arc::new(factor)))
     }

@@ -1,21 +1,21 @@
-//! Where the variables that a half keeps are in the front of its line, by runs: so that blocks of equations are
+//! The rows of a child's boundary in the front of its separator, by runs, so that blocks of equations are
 //! added as slices.
 
 use std::ops::Range;
 
-/// Consecutive variables of a half that are consecutive in the front of its line, too.
+/// Consecutive variables of a child that are consecutive in the front of its separator, too.
 #[derive(Clone, Debug)]
-pub(super) struct Run {
-    /// Among those that the half keeps.
+pub(super) struct IndexRun {
+    /// Among those of the child's boundary.
     pub(super) from: Range<usize>,
-    /// The row of the first in the front of the line.
+    /// The row of the first in the front of the separator.
     pub(super) to: usize,
 }
 
 /// The runs of rows, if any, of consecutive variables. None holds both some of the first `count` rows, which the
 /// front eliminates, and later ones.
-pub(super) fn runs(rows: impl Iterator<Item = Option<u32>>, count: usize) -> Vec<Run> {
-    let mut runs: Vec<Run> = Vec::new();
+pub(super) fn runs(rows: impl Iterator<Item = Option<u32>>, count: usize) -> Vec<IndexRun> {
+    let mut runs: Vec<IndexRun> = Vec::new();
     for (from, row) in rows.enumerate() {
         let Some(to) = row.map(|row| row as usize) else {
             continue;
@@ -24,7 +24,7 @@ pub(super) fn runs(rows: impl Iterator<Item = Option<u32>>, count: usize) -> Vec
             Some(run) if run.from.end == from && run.to + run.from.len() == to && to != count => {
                 run.from.end += 1;
             }
-            _ => runs.push(Run {
+            _ => runs.push(IndexRun {
                 from: from..from + 1,
                 to,
             }),

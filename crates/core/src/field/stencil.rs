@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 /// The neighbours that a pixel is joined to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Neighbours {
+pub(super) enum Connectivity {
     /// Those that share a side, as in the equations without observations.
     Four,
     /// Those that share a side or a corner, as observations between pixels join them.
@@ -16,7 +16,7 @@ pub(super) enum Neighbours {
 
 /// Which entry of the matrix: of a pixel with itself, or with a later neighbour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Entry {
+pub(super) enum MatrixEntry {
     Own,
     Right,
     Down,
@@ -65,36 +65,36 @@ impl Stencil {
             let (here, beside) = (&down[(y + 1) * stride..], &right[(y + 1) * stride..]);
             for (x, value) in row[1..=width].iter_mut().enumerate() {
                 let [up, low] = [above[x + 1], here[x + 1]];
-                *value = grid.level - up - low - beside[x] - beside[x + 1];
+                *value = grid.diagonal_regularisation - up - low - beside[x] - beside[x + 1];
             }
         });
         matrix
     }
 
-    /// Adds `weight s s'` for a position that the taps s interpolate.
-    pub(super) fn observe(&mut self, taps: &InterpolationWeights, weight: f64) {
-        for (one, share) in taps.iter() {
-            for (other, across) in taps.iter().filter(|(other, _)| *other >= one) {
+    /// Adds `weight s s'` for interpolation weights s.
+    pub(super) fn observe(&mut self, interpolation: &InterpolationWeights, weight: f64) {
+        for (one, share) in interpolation.iter() {
+            for (other, across) in interpolation.iter().filter(|(other, _)| *other >= one) {
                 let (entry, place) = self.pair(one, other);
                 self.entries[entry as usize][place] += weight * share * across;
             }
         }
     }
 
-    /// Adds `weight` times the shares s to the pixels that the taps read: the lumped form of the above, in which the
+    /// Adds `weight` times the interpolation weights s to their pixels: the lumped form of the above, in which the
     /// observation is one of each of these pixels, by its share.
-    pub(super) fn observe_lumped(&mut self, taps: &InterpolationWeights, weight: f64) {
-        for (pixel, share) in taps.iter() {
+    pub(super) fn observe_lumped(&mut self, interpolation: &InterpolationWeights, weight: f64) {
+        for (pixel, share) in interpolation.iter() {
             let (entry, place) = self.pair(pixel, pixel);
             self.entries[entry as usize][place] += weight * share;
         }
     }
 
-    /// `s' M s` for a position that the taps s interpolate.
-    pub(super) fn at(&self, taps: &InterpolationWeights) -> f64 {
+    /// `s' M s` for interpolation weights s.
+    pub(super) fn at(&self, interpolation: &InterpolationWeights) -> f64 {
         let mut sum = 0.0;
-        for (one, share) in taps.iter() {
-            for (other, across) in taps.iter() {
+        for (one, share) in interpolation.iter() {
+            for (other, across) in interpolation.iter() {
                 let (entry, place) = self.pair(one.min(other), one.max(other));
                 sum += share * across * self.entries[entry as usize][place];
             }
@@ -103,22 +103,22 @@ impl Stencil {
     }
 
     /// The entry of a pixel with itself or a later neighbour.
-    fn pair(&self, one: u32, other: u32) -> (Entry, usize) {
+    fn pair(&self, one: u32, other: u32) -> (MatrixEntry, usize) {
         let place = |pixel: u32| (pixel as usize % self.width, pixel as usize / self.width);
         let ((x, y), (u, v)) = (place(one), place(other));
         let entry = match (u as i64 - x as i64, v - y) {
-            (0, 0) => Entry::Own,
-            (1, 0) => Entry::Right,
-            (0, _) => Entry::Down,
-            (1, _) => Entry::DownRight,
-            _ => Entry::DownLeft,
+            (0, 0) => MatrixEntry::Own,
+            (1, 0) => MatrixEntry::Right,
+            (0, _) => MatrixEntry::Down,
+            (1, _) => MatrixEntry::DownRight,
+            _ => MatrixEntry::DownLeft,
         };
         (entry, self.place(x, y))
     }
 
     /// The entries of the pixels with themselves, row by row.
     pub(super) fn diagonal(&self) -> Vec<f64> {
-        let own = &self.entries[Entry::Own as usize];
+        let own = &self.entries[MatrixEntry::Own as usize];
         let rows = own.chunks_exact(self.width + 2);
         let inside = rows.clone().count().saturating_sub(2);
         let rows = rows.skip(1).take(inside);
@@ -135,15 +135,15 @@ impl Stencil {
         y as isize * (self.width + 2) as isize + x as isize
     }
 
-    pub(super) fn map(&self, entry: Entry) -> &[f64] {
+    pub(super) fn map(&self, entry: MatrixEntry) -> &[f64] {
         &self.entries[entry as usize]
     }
 
-    pub(super) fn map_mut(&mut self, entry: Entry) -> &mut [f64] {
+    pub(super) fn map_mut(&mut self, entry: MatrixEntry) -> &mut [f64] {
         &mut self.entries[entry as usize]
     }
 
-    pub(super) fn get(&self, entry: Entry, place: usize) -> f64 {
+    pub(super) fn get(&self, entry: MatrixEntry, place: usize) -> f64 {
         self.entries[entry as usize][place]
     }
 }
@@ -161,20 +161,20 @@ pub(super) fn padded(width: usize, x: usize, y: usize) -> usize {
 }
 
 /// A neighbour of a pixel: its offset, which entry joins them, and the offset of the pixel that holds it.
-pub(super) type Neighbour = ([i32; 2], Entry, [i32; 2]);
+pub(super) type Neighbour = ([i32; 2], MatrixEntry, [i32; 2]);
 
-impl Neighbours {
+impl Connectivity {
     /// The neighbours of a pixel.
     pub(super) fn list(self) -> &'static [Neighbour] {
         const ALL: [Neighbour; 8] = [
-            ([-1, 0], Entry::Right, [-1, 0]),
-            ([1, 0], Entry::Right, [0, 0]),
-            ([0, -1], Entry::Down, [0, -1]),
-            ([0, 1], Entry::Down, [0, 0]),
-            ([-1, -1], Entry::DownRight, [-1, -1]),
-            ([1, 1], Entry::DownRight, [0, 0]),
-            ([1, -1], Entry::DownLeft, [1, -1]),
-            ([-1, 1], Entry::DownLeft, [0, 0]),
+            ([-1, 0], MatrixEntry::Right, [-1, 0]),
+            ([1, 0], MatrixEntry::Right, [0, 0]),
+            ([0, -1], MatrixEntry::Down, [0, -1]),
+            ([0, 1], MatrixEntry::Down, [0, 0]),
+            ([-1, -1], MatrixEntry::DownRight, [-1, -1]),
+            ([1, 1], MatrixEntry::DownRight, [0, 0]),
+            ([1, -1], MatrixEntry::DownLeft, [1, -1]),
+            ([-1, 1], MatrixEntry::DownLeft, [0, 0]),
         ];
         match self {
             Self::Four => &ALL[..4],

@@ -1,6 +1,6 @@
 //! Strips of rows of a matrix with a row for each observation: each is a task of its own.
 
-use lsdc_kernels::cholesky::{Block, PAD};
+use lsdc_kernels::cholesky::{MatrixBlock, PAD};
 use std::ops::Range;
 
 /// Observations of a strip.
@@ -17,8 +17,8 @@ pub(super) struct Strip {
 }
 
 impl Strip {
-    pub(super) fn block(&self) -> Block<'_> {
-        Block {
+    pub(super) fn block(&self) -> MatrixBlock<'_> {
+        MatrixBlock {
             values: &self.values,
             stride: self.rows,
         }

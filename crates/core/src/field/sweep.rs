@@ -1,9 +1,9 @@
 //! Forward and backward substitution, for one column or a few side by side.
 
 use super::factor::{Factor, both};
-use super::plan::{FORK, Half, Line};
+use super::plan::{Child, FORK, Separator};
 use super::symbolic::{PivotStep, SymbolicFactor};
-use lsdc_kernels::cholesky::Eight;
+use lsdc_kernels::cholesky::F64x8;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
@@ -18,19 +18,19 @@ impl Factor {
     pub(super) fn forward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
         let swept: Vec<Vec<Rows<B>>> = plan.batches.par_iter().gather(|batch| {
-            let program = &plan.programs[batch.program];
-            let mut x = self.gathered(&batch.tiles, program, values);
-            let factor = &self.tiles[batch.factor..][..program.length];
+            let symbolic = &plan.symbolic_factors[batch.symbolic];
+            let mut x = self.gathered(&batch.tiles, symbolic, values);
+            let factor = &self.tiles[batch.factor..][..symbolic.length];
             self.level.vectorised(
                 #[inline(always)]
-                || program.forward(factor, &mut x),
+                || symbolic.forward(factor, &mut x),
             );
             x
         });
         self.scatter(&swept, values);
-        if let Half::Line(root) = plan.root {
+        if let Child::Separator(root) = plan.root {
             let mut packed = self.packed(values);
-            self.up_the_tree(root, &mut packed, 0, &swept);
+            self.forward_through_tree(root, &mut packed, 0, &swept);
             self.unpack(&packed, values);
         }
     }
@@ -38,25 +38,25 @@ impl Factor {
     /// `L'^-1 values`, in place.
     pub(super) fn backward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
-        if let Half::Line(root) = plan.root {
+        if let Child::Separator(root) = plan.root {
             let mut packed = self.packed(values);
-            self.descend(root, &mut packed, 0, &[]);
+            self.backward_through_tree(root, &mut packed, 0, &[]);
             self.unpack(&packed, values);
         }
         let known: &[Row<B>] = values;
         let swept: Vec<Vec<Rows<B>>> = plan.batches.par_iter().gather(|batch| {
-            let program = &plan.programs[batch.program];
-            let mut x = self.gathered(&batch.tiles, program, known);
+            let symbolic = &plan.symbolic_factors[batch.symbolic];
+            let mut x = self.gathered(&batch.tiles, symbolic, known);
             for (lane, &tile) in batch.tiles.iter().enumerate() {
-                let ring = x[program.order.len()..].iter_mut().zip(plan.ring(tile));
+                let ring = x[symbolic.order.len()..].iter_mut().zip(plan.ring(tile));
                 ring.for_each(|(value, pixel)| {
                     value[lane] = pixel.map_or([0.0; B], |pixel| known[pixel as usize]);
                 });
             }
-            let factor = &self.tiles[batch.factor..][..program.length];
+            let factor = &self.tiles[batch.factor..][..symbolic.length];
             self.level.vectorised(
                 #[inline(always)]
-                || program.backward(factor, &mut x),
+                || symbolic.backward(factor, &mut x),
             );
             x
         });
@@ -67,14 +67,14 @@ impl Factor {
     fn gathered<const B: usize>(
         &self,
         tiles: &[usize],
-        program: &SymbolicFactor,
+        symbolic: &SymbolicFactor,
         values: &[Row<B>],
     ) -> Vec<Rows<B>> {
         let width = self.plan.width;
-        let mut x = vec![[[0.0; B]; 8]; program.order.len() + program.ring.len()];
+        let mut x = vec![[[0.0; B]; 8]; symbolic.order.len() + symbolic.ring.len()];
         for (lane, &tile) in tiles.iter().enumerate() {
             let tile = &self.plan.tiles[tile];
-            for (x, &(u, v)) in x.iter_mut().zip(&program.order) {
+            for (x, &(u, v)) in x.iter_mut().zip(&symbolic.order) {
                 x[lane] = values[(tile.top + v) * width + tile.left + u];
             }
         }
@@ -84,32 +84,40 @@ impl Factor {
     fn scatter<const B: usize>(&self, swept: &[Vec<Rows<B>>], values: &mut [Row<B>]) {
         let (plan, width) = (&*self.plan, self.plan.width);
         for (batch, x) in plan.batches.iter().zip(swept) {
-            let program = &plan.programs[batch.program];
+            let symbolic = &plan.symbolic_factors[batch.symbolic];
             for (lane, &tile) in batch.tiles.iter().enumerate() {
                 let tile = &plan.tiles[tile];
-                for (x, &(u, v)) in x.iter().zip(&program.order) {
+                for (x, &(u, v)) in x.iter().zip(&symbolic.order) {
                     values[(tile.top + v) * width + tile.left + u] = x[lane];
                 }
             }
         }
     }
 
-    /// The values of the pixels of lines, in the order of these.
+    /// The values of the pixels of separators, in the order of these.
     fn packed<const B: usize>(&self, values: &[Row<B>]) -> Vec<Row<B>> {
-        let pixels = self.plan.lines.iter().flat_map(|line| &line.own);
+        let pixels = self
+            .plan
+            .separators
+            .iter()
+            .flat_map(|separator| &separator.own);
         pixels.map(|&pixel| values[pixel as usize]).collect()
     }
 
     fn unpack<const B: usize>(&self, packed: &[Row<B>], values: &mut [Row<B>]) {
-        let pixels = self.plan.lines.iter().flat_map(|line| &line.own);
+        let pixels = self
+            .plan
+            .separators
+            .iter()
+            .flat_map(|separator| &separator.own);
         for (&pixel, value) in pixels.zip(packed) {
             values[pixel as usize] = *value;
         }
     }
 
-    /// Substitutes forward up to a line, and returns what that adds to the variables that it keeps. `packed`
-    /// holds the values of its lines from `base` on.
-    fn up_the_tree<const B: usize>(
+    /// Substitutes forward up to a separator, and returns the update of its boundary. `packed`
+    /// holds the values of its separators from `base` on.
+    fn forward_through_tree<const B: usize>(
         &self,
         at: usize,
         packed: &mut [Row<B>],
@@ -117,31 +125,31 @@ impl Factor {
         swept: &[Vec<Rows<B>>],
     ) -> Vec<Row<B>> {
         let plan = &*self.plan;
-        let line = &plan.lines[at];
-        let (below, own) = packed.split_at_mut(line.first - base);
-        let mut values = vec![[0.0; B]; line.rows];
-        values[..line.own.len()].copy_from_slice(&own[..line.own.len()]);
-        let added = if let [Half::Line(one), Half::Line(two)] = line.halves {
-            let split = plan.lines[one].first + plan.lines[one].own.len() - base;
+        let separator = &plan.separators[at];
+        let (below, own) = packed.split_at_mut(separator.first - base);
+        let mut values = vec![[0.0; B]; separator.rows];
+        values[..separator.own.len()].copy_from_slice(&own[..separator.own.len()]);
+        let added = if let [Child::Separator(one), Child::Separator(two)] = separator.children {
+            let split = plan.separators[one].first + plan.separators[one].own.len() - base;
             let (first, second) = below.split_at_mut(split);
             let (one, two) = both(
-                line.tiles > FORK,
-                || self.up_the_tree(one, first, base, swept),
-                || self.up_the_tree(two, second, base + split, swept),
+                separator.tiles > FORK,
+                || self.forward_through_tree(one, first, base, swept),
+                || self.forward_through_tree(two, second, base + split, swept),
             );
             [one, two]
         } else {
-            line.halves.map(|half| match half {
-                Half::Line(half) => self.up_the_tree(half, below, base, swept),
-                Half::Tile(tile) => {
+            separator.children.map(|child| match child {
+                Child::Separator(child) => self.forward_through_tree(child, below, base, swept),
+                Child::Tile(tile) => {
                     let tile = &plan.tiles[tile];
-                    let program = &plan.programs[plan.batches[tile.batch].program];
-                    let ring = &swept[tile.batch][program.order.len()..];
+                    let symbolic = &plan.symbolic_factors[plan.batches[tile.batch].symbolic];
+                    let ring = &swept[tile.batch][symbolic.order.len()..];
                     ring.iter().map(|value| value[tile.lane]).collect()
                 }
             })
         };
-        for (added, places) in added.iter().zip(&line.places) {
+        for (added, places) in added.iter().zip(&separator.places) {
             for (value, place) in added.iter().zip(places) {
                 if let Some(place) = place {
                     let sum = values[*place as usize].iter_mut().zip(value);
@@ -149,7 +157,7 @@ impl Factor {
                 }
             }
         }
-        let columns = self.columns(line).chunks_exact(line.rows);
+        let columns = self.columns(separator).chunks_exact(separator.rows);
         self.level.vectorised(
             #[inline(always)]
             || {
@@ -165,14 +173,14 @@ impl Factor {
                 }
             },
         );
-        own[..line.own.len()].copy_from_slice(&values[..line.own.len()]);
-        values.drain(..line.own.len());
-        values.truncate(line.kept.len());
+        own[..separator.own.len()].copy_from_slice(&values[..separator.own.len()]);
+        values.drain(..separator.own.len());
+        values.truncate(separator.boundary.len());
         values
     }
 
-    /// Substitutes backward from a line down; `known` are the values that it keeps.
-    fn descend<const B: usize>(
+    /// Substitutes backward from a separator down; `known` are the values of its boundary.
+    fn backward_through_tree<const B: usize>(
         &self,
         at: usize,
         packed: &mut [Row<B>],
@@ -180,58 +188,58 @@ impl Factor {
         known: &[Row<B>],
     ) {
         let plan = &*self.plan;
-        let line = &plan.lines[at];
-        let (below, own) = packed.split_at_mut(line.first - base);
-        let own = &mut own[..line.own.len()];
-        let mut values = vec![[0.0; B]; line.rows];
+        let separator = &plan.separators[at];
+        let (below, own) = packed.split_at_mut(separator.first - base);
+        let own = &mut own[..separator.own.len()];
+        let mut values = vec![[0.0; B]; separator.rows];
         values[..own.len()].copy_from_slice(own);
         values[own.len()..][..known.len()].copy_from_slice(known);
-        let columns = self.columns(line);
+        let columns = self.columns(separator);
         self.level.vectorised(
             #[inline(always)]
             || {
-                for j in (0..line.own.len()).rev() {
-                    let column = &columns[j * line.rows..][..line.rows];
-                    let rest = products(&column[j + 1..], &values[j + 1..]);
+                for j in (0..separator.own.len()).rev() {
+                    let column = &columns[j * separator.rows..][..separator.rows];
+                    let known = products(&column[j + 1..], &values[j + 1..]);
                     for b in 0..B {
-                        values[j][b] = (values[j][b] - rest[b]) / column[j];
+                        values[j][b] = (values[j][b] - known[b]) / column[j];
                     }
                 }
             },
         );
         own.copy_from_slice(&values[..own.len()]);
-        let known = |half: usize| kept(line, half, &values);
-        if let [Half::Line(one), Half::Line(two)] = line.halves {
-            let split = plan.lines[one].first + plan.lines[one].own.len() - base;
+        let known = |child: usize| boundary(separator, child, &values);
+        if let [Child::Separator(one), Child::Separator(two)] = separator.children {
+            let split = plan.separators[one].first + plan.separators[one].own.len() - base;
             let (first, second) = below.split_at_mut(split);
             let known = [known(0), known(1)];
             both(
-                line.tiles > FORK,
-                || self.descend(one, first, base, &known[0]),
-                || self.descend(two, second, base + split, &known[1]),
+                separator.tiles > FORK,
+                || self.backward_through_tree(one, first, base, &known[0]),
+                || self.backward_through_tree(two, second, base + split, &known[1]),
             );
         } else {
-            for (i, half) in line.halves.into_iter().enumerate() {
-                if let Half::Line(half) = half {
-                    self.descend(half, below, base, &known(i));
+            for (i, child) in separator.children.into_iter().enumerate() {
+                if let Child::Separator(child) = child {
+                    self.backward_through_tree(child, below, base, &known(i));
                 }
             }
         }
     }
 }
 
-/// The values that a half of a line keeps, from those of its front.
-fn kept<const B: usize>(line: &Line, half: usize, values: &[Row<B>]) -> Vec<Row<B>> {
-    let places = line.places[half].iter();
+/// The values of the boundary of a child, from those of the front.
+fn boundary<const B: usize>(separator: &Separator, child: usize, values: &[Row<B>]) -> Vec<Row<B>> {
+    let places = separator.places[child].iter();
     places
         .map(|place| place.map_or([0.0; B], |place| values[place as usize]))
         .collect()
 }
 
 impl SymbolicFactor {
-    /// `x` are the values of the tile's pixels and what is added to its ring.
+    /// `x` are the values of the tile's pixels and the update of its ring.
     #[inline(always)]
-    pub(super) fn forward<const B: usize>(&self, factor: &[Eight], x: &mut [Rows<B>]) {
+    pub(super) fn forward<const B: usize>(&self, factor: &[F64x8], x: &mut [Rows<B>]) {
         for step in &self.steps {
             for j in 0..step.count {
                 let column = step.column(factor, j);
@@ -245,7 +253,7 @@ impl SymbolicFactor {
                 for (i, factor) in column.iter().enumerate().take(step.count).skip(j + 1) {
                     subtract(&mut x[step.first + i], factor, &value);
                 }
-                for (&i, factor) in step.kept.iter().zip(&column[step.count..]) {
+                for (&i, factor) in step.boundary.iter().zip(&column[step.count..]) {
                     subtract(&mut x[i as usize], factor, &value);
                 }
             }
@@ -254,7 +262,7 @@ impl SymbolicFactor {
 
     /// `x` are the values of the tile's pixels and those of its ring.
     #[inline(always)]
-    fn backward<const B: usize>(&self, factor: &[Eight], x: &mut [Rows<B>]) {
+    fn backward<const B: usize>(&self, factor: &[F64x8], x: &mut [Rows<B>]) {
         for step in self.steps.iter().rev() {
             for j in (0..step.count).rev() {
                 let column = step.column(factor, j);
@@ -262,7 +270,7 @@ impl SymbolicFactor {
                 for (i, factor) in column.iter().enumerate().take(step.count).skip(j + 1) {
                     subtract(&mut value, factor, &x[step.first + i]);
                 }
-                for (&i, factor) in step.kept.iter().zip(&column[step.count..]) {
+                for (&i, factor) in step.boundary.iter().zip(&column[step.count..]) {
                     subtract(&mut value, factor, &x[i as usize]);
                 }
                 divide(&mut value, &column[j]);
@@ -274,13 +282,13 @@ impl SymbolicFactor {
 
 impl PivotStep {
     #[inline(always)]
-    pub(super) fn column<'a>(&self, factor: &'a [Eight], j: usize) -> &'a [Eight] {
+    pub(super) fn column<'a>(&self, factor: &'a [F64x8], j: usize) -> &'a [F64x8] {
         &factor[self.start + j * self.rows..][..self.rows]
     }
 }
 
 #[inline(always)]
-fn divide<const B: usize>(values: &mut Rows<B>, divisor: &Eight) {
+fn divide<const B: usize>(values: &mut Rows<B>, divisor: &F64x8) {
     for (values, divisor) in values.iter_mut().zip(divisor) {
         for value in values {
             *value /= divisor;
@@ -289,7 +297,7 @@ fn divide<const B: usize>(values: &mut Rows<B>, divisor: &Eight) {
 }
 
 #[inline(always)]
-fn subtract<const B: usize>(value: &mut Rows<B>, factor: &Eight, other: &Rows<B>) {
+fn subtract<const B: usize>(value: &mut Rows<B>, factor: &F64x8, other: &Rows<B>) {
     for lane in 0..8 {
         for b in 0..B {
             value[lane][b] -= factor[lane] * other[lane][b];
@@ -301,13 +309,13 @@ fn subtract<const B: usize>(value: &mut Rows<B>, factor: &Eight, other: &Rows<B>
 #[inline(always)]
 fn products<const B: usize>(factors: &[f64], rows: &[Row<B>]) -> Row<B> {
     let mut lanes = [[0.0; B]; 8];
-    let (whole, rest) = (factors.chunks_exact(8), rows.chunks_exact(8));
+    let (whole, update) = (factors.chunks_exact(8), rows.chunks_exact(8));
     let mut sum = [0.0; B];
-    for (factor, row) in whole.remainder().iter().zip(rest.remainder()) {
+    for (factor, row) in whole.remainder().iter().zip(update.remainder()) {
         let sums = sum.iter_mut().zip(row);
         sums.for_each(|(sum, value)| *sum += factor * value);
     }
-    for (factors, rows) in whole.zip(rest) {
+    for (factors, rows) in whole.zip(update) {
         for lane in 0..8 {
             for b in 0..B {
                 lanes[lane][b] += factors[lane] * rows[lane][b];

@@ -4,18 +4,18 @@
 //! Within a tile the order is that of nested dissection again. Its pixels are numbered in the order of
 //! elimination, and those around it, its ring, after them.
 
-use super::runs::{Run, runs};
-use super::stencil::{Entry, Neighbours};
-use lsdc_kernels::cholesky::{Eight, factorise_eight};
+use super::runs::{IndexRun, runs};
+use super::stencil::{Connectivity, MatrixEntry};
+use lsdc_kernels::cholesky::{F64x8, factorise_eight};
 use lsdc_kernels::simd::Level;
 
 /// Regions of at most this many pixels are not cut further.
 const LEAF: usize = 9;
 
-/// Kept variables are padded to multiples of this.
+/// Boundaries are padded to multiples of this.
 const PAD: usize = 4;
 
-/// The elimination of a line or leaf of a tile.
+/// The elimination of a separator or leaf of a tile.
 #[derive(Debug)]
 pub(super) struct PivotStep {
     /// The first variable that it eliminates.
@@ -23,17 +23,17 @@ pub(super) struct PivotStep {
     /// How many it eliminates.
     pub(super) count: usize,
     /// Later variables that these depend on, in order.
-    pub(super) kept: Vec<u32>,
-    /// Rows of the factor: those eliminated, then `kept`, padded.
+    pub(super) boundary: Vec<u32>,
+    /// Rows of the factor: those eliminated, then `boundary`, padded.
     pub(super) rows: usize,
     /// Where its columns begin in the factor of the tile.
     pub(super) start: usize,
-    /// The steps of the halves, and where the variables go that they keep.
-    pub(super) halves: Vec<(usize, Vec<Run>)>,
+    /// The steps of the children, and the rows of their boundaries in the front.
+    pub(super) children: Vec<(usize, Vec<IndexRun>)>,
     /// Row, column, and index among the sources.
     pub(super) entries: Vec<[u32; 3]>,
-    /// Memory that the halves need.
-    room: usize,
+    /// The workspace of the children.
+    workspace: usize,
 }
 
 impl PivotStep {
@@ -41,7 +41,7 @@ impl PivotStep {
         self.rows - self.count
     }
 
-    /// The values of its rest.
+    /// The length of its update matrix.
     fn square(&self) -> usize {
         self.padded() * self.padded()
     }
@@ -49,8 +49,8 @@ impl PivotStep {
 
 /// An entry of the matrix that a tile reads: its kind, and the offset of its pixel from the tile's first.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Source {
-    pub(super) entry: Entry,
+pub(super) struct EntrySource {
+    pub(super) entry: MatrixEntry,
     pub(super) x: i32,
     pub(super) y: i32,
 }
@@ -63,23 +63,23 @@ pub(super) struct SymbolicFactor {
     /// The offsets of the pixels of the ring.
     pub(super) ring: Vec<(i32, i32)>,
     pub(super) steps: Vec<PivotStep>,
-    pub(super) sources: Vec<Source>,
+    pub(super) sources: Vec<EntrySource>,
     /// Values of the factor.
     pub(super) length: usize,
 }
 
 /// A rectangle of the tile.
 #[derive(Clone, Copy)]
-struct Part {
+struct Rectangle {
     x: usize,
     y: usize,
     width: usize,
     height: usize,
 }
 
-impl Part {
-    /// Two halves, and the line of pixels between them, unless it is a leaf.
-    fn cut(self) -> Option<([Self; 2], Self)> {
+impl Rectangle {
+    /// Two parts, and the line of pixels between them, unless it is a leaf.
+    fn dissect(self) -> Option<([Self; 2], Self)> {
         let length = self.width.max(self.height);
         if self.width * self.height <= LEAF || length < 3 {
             return None;
@@ -99,39 +99,40 @@ impl Part {
                 }
             }
         };
-        let half = length / 2;
-        let halves = [along(0, half), along(half + 1, length - half - 1)];
-        Some((halves, along(half, 1)))
+        let middle = length / 2;
+        let children = [along(0, middle), along(middle + 1, length - middle - 1)];
+        Some((children, along(middle, 1)))
     }
 }
 
 impl SymbolicFactor {
-    pub(super) fn new(width: usize, height: usize, neighbours: Neighbours) -> Self {
-        let mut program = Self {
+    pub(super) fn new(width: usize, height: usize, neighbours: Connectivity) -> Self {
+        let mut symbolic = Self {
             order: Vec::with_capacity(width * height),
             ring: ring(width as i32, height as i32, neighbours),
             steps: Vec::new(),
             sources: Vec::new(),
             length: 0,
         };
-        let whole = Part {
+        let whole = Rectangle {
             x: 0,
             y: 0,
             width,
             height,
         };
-        program.cut(whole);
-        program.link(width, height, neighbours);
-        program
+        symbolic.dissect(whole);
+        symbolic.link(width, height, neighbours);
+        symbolic
     }
 
     /// Orders the pixels of a part, and returns its step.
-    fn cut(&mut self, part: Part) -> usize {
-        let (halves, own) = match part.cut() {
-            Some((halves, line)) => (Some(halves), line),
+    fn dissect(&mut self, part: Rectangle) -> usize {
+        let (children, own) = match part.dissect() {
+            Some((children, separator)) => (Some(children), separator),
             None => (None, part),
         };
-        let halves = halves.map(|halves| halves.map(|half| (self.cut(half), Vec::new())));
+        let children =
+            children.map(|children| children.map(|child| (self.dissect(child), Vec::new())));
         let first = self.order.len();
         for y in own.y..own.y + own.height {
             self.order
@@ -140,18 +141,18 @@ impl SymbolicFactor {
         self.steps.push(PivotStep {
             first,
             count: own.width * own.height,
-            kept: Vec::new(),
+            boundary: Vec::new(),
             rows: 0,
             start: 0,
-            halves: halves.into_iter().flatten().collect(),
+            children: children.into_iter().flatten().collect(),
             entries: Vec::new(),
-            room: 0,
+            workspace: 0,
         });
         self.steps.len() - 1
     }
 
-    /// Finds what each step keeps, reads and takes from its halves.
-    fn link(&mut self, width: usize, height: usize, neighbours: Neighbours) {
+    /// Finds the boundary of each step, the entries that it reads, and the rows of its children.
+    fn link(&mut self, width: usize, height: usize, neighbours: Connectivity) {
         let across = width as i32 + 2;
         let index = |x: i32, y: i32| ((y + 1) * across + x + 1) as usize;
         let mut numbers = vec![u32::MAX; across as usize * (height + 2)];
@@ -161,77 +162,83 @@ impl SymbolicFactor {
         }
         let mut sources = vec![[u32::MAX; 5]; numbers.len()];
         for s in 0..self.steps.len() {
-            let (done, rest) = self.steps.split_at_mut(s);
-            let step = &mut rest[0];
+            let (done, later) = self.steps.split_at_mut(s);
+            let step = &mut later[0];
             let end = (step.first + step.count) as u32;
-            let mut kept: Vec<u32> = step
-                .halves
+            let mut boundary: Vec<u32> = step
+                .children
                 .iter()
-                .flat_map(|&(half, _)| &done[half].kept)
+                .flat_map(|&(child, _)| &done[child].boundary)
                 .copied()
                 .collect();
             let own = step.first..step.first + step.count;
             let mut joins = Vec::new();
             for (column, &(x, y)) in self.order[own].iter().enumerate() {
                 let (x, y) = (x as i32, y as i32);
-                joins.push((step.first as u32 + column as u32, column, x, y, Entry::Own));
+                joins.push((
+                    step.first as u32 + column as u32,
+                    column,
+                    x,
+                    y,
+                    MatrixEntry::Own,
+                ));
                 for &([dx, dy], entry, [ex, ey]) in neighbours.list() {
                     let number = numbers[index(x + dx, y + dy)];
                     if number as usize > step.first + column {
                         joins.push((number, column, x + ex, y + ey, entry));
-                        kept.push(number);
+                        boundary.push(number);
                     }
                 }
             }
-            kept.retain(|&number| number >= end);
-            kept.sort_unstable();
-            kept.dedup();
+            boundary.retain(|&number| number >= end);
+            boundary.sort_unstable();
+            boundary.dedup();
             let row = |number: u32| {
                 if number < end {
                     return number - step.first as u32;
                 }
-                let place = kept.partition_point(|&other| other < number);
+                let place = boundary.partition_point(|&other| other < number);
                 (step.count + place) as u32
             };
             for (number, column, x, y, entry) in joins {
                 let source = &mut sources[index(x, y)][entry as usize];
                 if *source == u32::MAX {
                     *source = self.sources.len() as u32;
-                    self.sources.push(Source { entry, x, y });
+                    self.sources.push(EntrySource { entry, x, y });
                 }
                 step.entries.push([row(number), column as u32, *source]);
             }
-            let mut room = 0;
-            for (half, own) in step.halves.iter_mut().rev() {
-                let half = &done[*half];
-                let rows = half.kept.iter().map(|&number| Some(row(number)));
+            let mut workspace = 0;
+            for (child, own) in step.children.iter_mut().rev() {
+                let child = &done[*child];
+                let rows = child.boundary.iter().map(|&number| Some(row(number)));
                 *own = runs(rows, step.count);
-                room = half.square() + half.room.max(room);
+                workspace = child.square() + child.workspace.max(workspace);
             }
-            step.room = room;
-            step.rows = step.count + kept.len().next_multiple_of(PAD);
+            step.workspace = workspace;
+            step.rows = step.count + boundary.len().next_multiple_of(PAD);
             step.start = self.length;
-            step.kept = kept;
+            step.boundary = boundary;
             self.length += step.rows * step.count;
         }
     }
 
-    /// The last step, which keeps the ring.
+    /// The last step, whose boundary is the ring.
     pub(super) fn last(&self) -> &PivotStep {
         &self.steps[self.steps.len() - 1]
     }
 
-    /// Values of the rest, `[padded ring, padded ring]`.
-    pub(super) fn rest(&self) -> usize {
+    /// Values of the update matrix, `[padded ring, padded ring]`.
+    pub(super) fn update(&self) -> usize {
         self.last().square()
     }
 
-    /// The rests of eight tiles one after the other, `[ring, ring]` each, of which lower halves are set.
+    /// The update matrices of eight tiles one after the other, `[ring, ring]` each, of which lower halves are set.
     #[inline(always)]
-    pub(super) fn part(&self, rest: &[Eight], parts: &mut [f64]) {
+    pub(super) fn part(&self, update: &[F64x8], parts: &mut [f64]) {
         let (ring, stride) = (self.ring.len(), self.last().padded());
         for j in 0..ring {
-            let column = &rest[j * stride..][..ring];
+            let column = &update[j * stride..][..ring];
             for (i, value) in column.iter().enumerate().skip(j) {
                 for (lane, value) in value.iter().enumerate() {
                     parts[(lane * ring + j) * ring + i] = *value;
@@ -240,48 +247,37 @@ impl SymbolicFactor {
         }
     }
 
-    /// Values that [`Self::eliminate`] needs beside factor and rest.
-    pub(super) fn room(&self) -> usize {
-        self.last().room
+    /// The length of the workspace of [`Self::eliminate`].
+    pub(super) fn workspace(&self) -> usize {
+        self.last().workspace
     }
 
-    /// Eliminates eight tiles, whose entries are in the order of the sources.
+    /// Eliminates a step, normally the last, and all below it of eight tiles, whose entries are in the order of the sources.
     pub(super) fn eliminate(
         &self,
+        step: &PivotStep,
         level: Level,
-        entries: &[Eight],
-        factor: &mut [Eight],
-        rest: &mut [Eight],
-        room: &mut [Eight],
+        entries: &[F64x8],
+        factor: &mut [F64x8],
+        update: &mut [F64x8],
+        workspace: &mut [F64x8],
     ) -> bool {
-        self.step(self.steps.len() - 1, level, entries, factor, rest, room)
-    }
-
-    fn step(
-        &self,
-        at: usize,
-        level: Level,
-        entries: &[Eight],
-        factor: &mut [Eight],
-        rest: &mut [Eight],
-        room: &mut [Eight],
-    ) -> bool {
-        let step = &self.steps[at];
-        let mut rests: [&mut [Eight]; 2] = [&mut [], &mut []];
-        let mut room = room;
-        for ((half, _), part) in step.halves.iter().zip(&mut rests) {
-            let (own, left) = room.split_at_mut(self.steps[*half].square());
-            if !self.step(*half, level, entries, factor, own, left) {
+        let mut updates: [&mut [F64x8]; 2] = [&mut [], &mut []];
+        let mut workspace = workspace;
+        for ((child, _), part) in step.children.iter().zip(&mut updates) {
+            let child = &self.steps[*child];
+            let (own, left) = workspace.split_at_mut(child.square());
+            if !self.eliminate(child, level, entries, factor, own, left) {
                 return false;
             }
-            (*part, room) = (own, left);
+            (*part, workspace) = (own, left);
         }
         let panel = &mut factor[step.start..][..step.rows * step.count];
         level.vectorised(
             #[inline(always)]
-            || step.assemble(entries, panel, rest, &self.steps, &rests),
+            || step.assemble(entries, panel, update, &self.steps, &updates),
         );
-        factorise_eight(level, panel, step.count, rest)
+        factorise_eight(level, panel, step.count, update)
     }
 }
 
@@ -289,27 +285,27 @@ impl PivotStep {
     #[inline(always)]
     fn assemble(
         &self,
-        entries: &[Eight],
-        panel: &mut [Eight],
-        rest: &mut [Eight],
+        entries: &[F64x8],
+        panel: &mut [F64x8],
+        update: &mut [F64x8],
         steps: &[Self],
-        rests: &[&mut [Eight]; 2],
+        updates: &[&mut [F64x8]; 2],
     ) {
         let padded = self.padded();
         panel.fill([0.0; 8]);
-        for (j, column) in rest.chunks_exact_mut(padded.max(1)).enumerate() {
+        for (j, column) in update.chunks_exact_mut(padded.max(1)).enumerate() {
             column[j..].fill([0.0; 8]);
         }
         for &[row, column, source] in &self.entries {
             panel[column as usize * self.rows + row as usize] = entries[source as usize];
         }
-        for ((half, runs), values) in self.halves.iter().zip(rests) {
-            let stride = steps[*half].padded();
+        for ((child, runs), values) in self.children.iter().zip(updates) {
+            let stride = steps[*child].padded();
             for (r, run) in runs.iter().enumerate() {
                 for (j, to) in run.from.clone().zip(run.to..) {
                     let (target, first) = match to.checked_sub(self.count) {
                         None => (&mut panel[to * self.rows..][..self.rows], 0),
-                        Some(kept) => (&mut rest[kept * padded..][..padded], self.count),
+                        Some(boundary) => (&mut update[boundary * padded..][..padded], self.count),
                     };
                     // Both are in the order of elimination.
                     add(
@@ -327,14 +323,14 @@ impl PivotStep {
 }
 
 #[inline(always)]
-fn add(target: &mut [Eight], values: &[Eight]) {
+fn add(target: &mut [F64x8], values: &[F64x8]) {
     for (target, value) in target.iter_mut().zip(values) {
         target.iter_mut().zip(value).for_each(|(t, v)| *t += v);
     }
 }
 
 /// The pixels around a rectangle, side by side, with the corners if they are neighbours.
-fn ring(width: i32, height: i32, neighbours: Neighbours) -> Vec<(i32, i32)> {
+fn ring(width: i32, height: i32, neighbours: Connectivity) -> Vec<(i32, i32)> {
     let sides = [-1, width].into_iter();
     let ends = [-1, height].into_iter();
     let sides = sides.flat_map(|x| (0..height).map(move |y| (x, y)));
@@ -342,6 +338,6 @@ fn ring(width: i32, height: i32, neighbours: Neighbours) -> Vec<(i32, i32)> {
     let corners = [(-1, -1), (width, -1), (-1, height), (width, height)];
     let corners = corners
         .into_iter()
-        .filter(|_| neighbours == Neighbours::Eight);
+        .filter(|_| neighbours == Connectivity::Eight);
     sides.chain(ends).chain(corners).collect()
 }

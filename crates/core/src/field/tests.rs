@@ -8,10 +8,10 @@ struct Example {
     size: [usize; 2],
     right: Vec<f64>,
     down: Vec<f64>,
-    taps: Vec<InterpolationWeights>,
+    interpolation: Vec<InterpolationWeights>,
     weights: Vec<f64>,
     columns: Vec<f64>,
-    level: f64,
+    diagonal_regularisation: f64,
 }
 
 const COLUMNS: usize = 4;
@@ -34,13 +34,13 @@ impl Example {
             size: [height, width],
             right,
             down,
-            taps: pixels
+            interpolation: pixels
                 .into_iter()
                 .map(InterpolationWeights::pixel)
                 .collect(),
             weights,
             columns,
-            level: [0.0, 0.01][height % 2],
+            diagonal_regularisation: [0.0, 0.01][height % 2],
         }
     }
 
@@ -49,44 +49,44 @@ impl Example {
         let mut rng = Rng::stream(seed, &["between"]);
         let size = (self.size[0], self.size[1]);
         let mut place = |length: usize| f64::from(rng.unit()) * length as f64 - 0.5;
-        let mut taps = self.taps.clone();
-        for (i, taps) in taps.iter_mut().enumerate() {
+        let mut interpolation = self.interpolation.clone();
+        for (i, interpolation) in interpolation.iter_mut().enumerate() {
             if i % 4 > 0 {
-                *taps = InterpolationWeights::new([place(size.1), place(size.0)], size, size);
+                *interpolation =
+                    InterpolationWeights::new([place(size.1), place(size.0)], size, size);
             }
         }
-        if let [first, .., last] = &mut taps[..] {
+        if let [first, .., last] = &mut interpolation[..] {
             *last = *first;
         }
-        Self { taps, ..self }
+        Self {
+            interpolation,
+            ..self
+        }
     }
 
-    fn grid(&self, level: f64) -> Grid<'_> {
+    fn grid(&self, diagonal_regularisation: f64) -> Grid<'_> {
         Grid {
             height: self.size[0],
             width: self.size[1],
             right: &self.right,
             down: &self.down,
-            level,
-        }
-    }
-
-    fn observations(&self) -> Observations<'_> {
-        Observations {
-            taps: &self.taps,
-            weights: &self.weights,
-            columns: &self.columns,
-            count: COLUMNS,
+            diagonal_regularisation,
         }
     }
 
     fn observed(&self) -> PrecisionSolver {
-        PrecisionSolver::new(&self.grid(self.level), &self.taps, &self.weights).unwrap()
+        PrecisionSolver::new(
+            &self.grid(self.diagonal_regularisation),
+            &self.interpolation,
+            &self.weights,
+        )
+        .unwrap()
     }
 
     fn covariance_solver(&self) -> CovarianceSolver {
-        let prior = FieldPrior::new(&self.grid(self.level)).unwrap();
-        CovarianceSolver::new(&prior, &self.observations()).unwrap()
+        let prior = FieldPrior::new(&self.grid(self.diagonal_regularisation)).unwrap();
+        CovarianceSolver::new(&prior, &self.interpolation, &self.weights, &self.columns).unwrap()
     }
 
     /// The targets `columns x`.
@@ -100,7 +100,8 @@ impl Example {
     fn dense(&self) -> Mat<f64> {
         let [height, width] = self.size;
         let pixels = height * width;
-        let mut matrix = Mat::<f64>::identity(pixels, pixels) * faer::Scale(self.level);
+        let mut matrix =
+            Mat::<f64>::identity(pixels, pixels) * faer::Scale(self.diagonal_regularisation);
         let mut join = |i: usize, j: usize, strength: f64| {
             matrix[(i, i)] += strength;
             matrix[(j, j)] += strength;
@@ -115,9 +116,9 @@ impl Example {
                 join(i, i + width, self.down[i]);
             }
         }
-        for (taps, weight) in self.taps.iter().zip(&self.weights) {
-            for (one, share) in taps.iter() {
-                for (other, across) in taps.iter() {
+        for (interpolation, weight) in self.interpolation.iter().zip(&self.weights) {
+            for (one, share) in interpolation.iter() {
+                for (other, across) in interpolation.iter() {
                     matrix[(one as usize, other as usize)] += weight * share * across;
                 }
             }
@@ -128,10 +129,10 @@ impl Example {
     /// The right-hand side for targets `columns x`.
     fn right_side(&self, x: &[f64]) -> Mat<f64> {
         let mut right = Mat::zeros(self.size[0] * self.size[1], 1);
-        for (i, taps) in self.taps.iter().enumerate() {
+        for (i, interpolation) in self.interpolation.iter().enumerate() {
             let row = &self.columns[i * COLUMNS..][..COLUMNS];
             let target: f64 = row.iter().zip(x).map(|(a, b)| a * b).sum();
-            for (pixel, share) in taps.iter() {
+            for (pixel, share) in interpolation.iter() {
                 right[(pixel as usize, 0)] += self.weights[i] * share * target;
             }
         }
@@ -161,15 +162,15 @@ fn examples() -> [Example; 10] {
 #[test]
 fn lumped_observations_are_those_of_their_pixels() {
     for example in examples() {
-        let (taps, weights) = (&example.taps, &example.weights);
+        let (interpolation, weights) = (&example.interpolation, &example.weights);
         let lumped = |i: usize| i.is_multiple_of(2);
-        let grid = example.grid(example.level);
-        let field = PrecisionSolver::with_lumped(&grid, taps, weights, lumped).unwrap();
+        let grid = example.grid(example.diagonal_regularisation);
+        let field = PrecisionSolver::with_lumped(&grid, interpolation, weights, lumped).unwrap();
         let x = [1.0, -0.5, 0.25, 3.0];
         let mut matrix = example.dense();
-        for (i, (taps, weight)) in taps.iter().zip(weights).enumerate() {
-            for (one, share) in taps.iter().filter(|_| lumped(i)) {
-                for (other, across) in taps.iter() {
+        for (i, (interpolation, weight)) in interpolation.iter().zip(weights).enumerate() {
+            for (one, share) in interpolation.iter().filter(|_| lumped(i)) {
+                for (other, across) in interpolation.iter() {
                     matrix[(one as usize, other as usize)] -= weight * share * across;
                 }
                 matrix[(one as usize, one as usize)] += weight * share;
@@ -184,7 +185,8 @@ fn lumped_observations_are_those_of_their_pixels() {
             continue;
         }
         let all =
-            PrecisionSolver::with_lumped(&example.grid(0.0), taps, weights, |_| true).unwrap();
+            PrecisionSolver::with_lumped(&example.grid(0.0), interpolation, weights, |_| true)
+                .unwrap();
         let targets = example.targets(&x);
         let low = targets.iter().copied().fold(f64::INFINITY, f64::min);
         let high = targets.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -205,7 +207,7 @@ fn moments_are_the_sum_at_its_minimum() {
         let width = example.size[1];
         let mut sum = 0.0;
         for i in 0..y.len() {
-            sum += example.level * y[i].powi(2);
+            sum += example.diagonal_regularisation * y[i].powi(2);
             if i % width + 1 < width {
                 sum += example.right[i] * (y[i] - y[i + 1]).powi(2);
             }
@@ -213,8 +215,13 @@ fn moments_are_the_sum_at_its_minimum() {
                 sum += example.down[i] * (y[i] - y[i + width]).powi(2);
             }
         }
-        for ((taps, weight), target) in example.taps.iter().zip(&example.weights).zip(&targets) {
-            sum += weight * (taps.read(&y) - target).powi(2);
+        for ((interpolation, weight), target) in example
+            .interpolation
+            .iter()
+            .zip(&example.weights)
+            .zip(&targets)
+        {
+            sum += weight * (interpolation.read(&y) - target).powi(2);
         }
         let pull = field.pull_from(&targets, &field.extend(&targets));
         let products = targets
@@ -236,10 +243,10 @@ fn what_cannot_be_solved_is_refused() {
     let mut example = Example::new(9, 9, 3);
     assert!(PrecisionSolver::new(&example.grid(0.0), &[], &[]).is_none());
     let weights = vec![f64::NAN; 3];
-    assert!(PrecisionSolver::new(&example.grid(0.0), &example.taps, &weights).is_none());
+    assert!(PrecisionSolver::new(&example.grid(0.0), &example.interpolation, &weights).is_none());
     example.right[4] = f64::NAN;
     let grid = example.grid(0.1);
-    assert!(PrecisionSolver::new(&grid, &example.taps, &example.weights).is_none());
+    assert!(PrecisionSolver::new(&grid, &example.interpolation, &example.weights).is_none());
     assert!(FieldPrior::new(&grid).is_none());
 }
 
@@ -256,7 +263,7 @@ fn large_examples() -> [Example; 8] {
         Example::new(1, 1, 1),
     ]
     .map(|example| Example {
-        level: 1e-4,
+        diagonal_regularisation: 1e-4,
         ..example
     })
 }
@@ -301,7 +308,7 @@ fn a_field_with_a_prior_is_that_of_the_dense_equations() {
 #[test]
 fn both_forms_of_a_field_agree() {
     let large = Example {
-        level: 1e-6,
+        diagonal_regularisation: 1e-6,
         ..Example::new(131, 150, 300).between(6)
     };
     for example in large_examples().into_iter().chain([large]) {
@@ -314,16 +321,20 @@ fn both_forms_of_a_field_agree() {
         let x = [1.0, -0.5, 0.25, 3.0];
         let expected = other.extend(&example.targets(&x));
         let read = |field: &[f64]| -> Vec<f64> {
-            example.taps.iter().map(|taps| taps.read(field)).collect()
+            example
+                .interpolation
+                .iter()
+                .map(|interpolation| interpolation.read(field))
+                .collect()
         };
         let combination = Mat::from_fn(COLUMNS, 1, |i, _| x[i]);
-        let left = one.left(combination.as_ref());
+        let left = one.residuals(combination.as_ref());
         let targets = example.targets(&x).into_iter();
-        let rests = targets
+        let expected_residuals = targets
             .zip(read(&expected))
             .map(|(target, value)| target - value);
-        assert!(difference(left.col_as_slice(0), rests) < 1e-8);
-        let at = one.at(&example.taps, combination.as_ref());
+        assert!(difference(left.col_as_slice(0), expected_residuals) < 1e-8);
+        let at = one.at(&example.interpolation, combination.as_ref());
         assert!(difference(at.col_as_slice(0), read(&expected).into_iter()) < 1e-8);
         assert!(difference(&one.extend(&x), expected.into_iter()) < 1e-8);
         let variances = one.variances();
@@ -337,16 +348,19 @@ fn both_forms_of_a_field_agree() {
 #[test]
 fn covariances_before_any_observation_are_those_of_the_dense_inverse() {
     for example in large_examples() {
-        let prior = FieldPrior::new(&example.grid(example.level)).unwrap();
-        let found = prior.covariance(&example.taps);
+        let prior = FieldPrior::new(&example.grid(example.diagonal_regularisation)).unwrap();
+        let found = prior.covariance(&example.interpolation);
         let alone = Example {
-            level: example.level,
+            diagonal_regularisation: example.diagonal_regularisation,
             ..Example::new(example.size[0], example.size[1], 0)
         };
         let dense = alone.dense().llt(Side::Lower).unwrap();
-        let mut at = Mat::<f64>::zeros(example.size[0] * example.size[1], example.taps.len());
-        for (i, taps) in example.taps.iter().enumerate() {
-            for (pixel, share) in taps.iter() {
+        let mut at = Mat::<f64>::zeros(
+            example.size[0] * example.size[1],
+            example.interpolation.len(),
+        );
+        for (i, interpolation) in example.interpolation.iter().enumerate() {
+            for (pixel, share) in interpolation.iter() {
                 at[(pixel as usize, i)] += share;
             }
         }
@@ -363,8 +377,8 @@ fn covariances_before_any_observation_are_those_of_the_dense_inverse() {
 #[test]
 fn a_field_that_is_free_has_no_prior() {
     let example = Example::new(20, 30, 5);
-    for level in [0.0, 1e-30, f64::NAN] {
-        assert!(FieldPrior::new(&example.grid(level)).is_none());
+    for diagonal_regularisation in [0.0, 1e-30, f64::NAN] {
+        assert!(FieldPrior::new(&example.grid(diagonal_regularisation)).is_none());
     }
     assert!(FieldPrior::new(&example.grid(1e-9)).is_some());
 }
@@ -380,7 +394,8 @@ fn an_observed_field_is_that_of_the_dense_equations() {
         let found = field.extend(&targets);
         assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
         let several: Vec<[f64; 3]> = targets.iter().map(|t| [*t, 0.0, -2.0 * t]).collect();
-        for (one, [first, nothing, twice]) in found.iter().zip(field.extend_all(&several)) {
+        let several = field.extend_with(&several, vec![[0.0; 3]; found.len()]);
+        for (one, [first, nothing, twice]) in found.iter().zip(several) {
             assert!((one - first).abs() < 1e-12 && nothing == 0.0);
             assert!((-2.0 * one - twice).abs() < 1e-11);
         }
@@ -390,15 +405,15 @@ fn an_observed_field_is_that_of_the_dense_equations() {
         assert!(difference(&field.solve(&right), expected.col(0).iter().copied()) < 1e-9);
 
         let inverse = dense.solve(Mat::<f64>::identity(found.len(), found.len()));
-        let variance = |taps: &InterpolationWeights| {
-            let pairs = taps
+        let variance = |interpolation: &InterpolationWeights| {
+            let pairs = interpolation
                 .iter()
-                .flat_map(|one| taps.iter().map(move |other| (one, other)));
+                .flat_map(|one| interpolation.iter().map(move |other| (one, other)));
             let pair =
                 |((i, share), (j, across))| share * across * inverse[(i as usize, j as usize)];
             pairs.map(pair).sum::<f64>()
         };
-        let expected = example.taps.iter().map(variance);
+        let expected = example.interpolation.iter().map(variance);
         assert!(difference(&field.variances(), expected) < 1e-9);
         let expected = (0..found.len()).map(|i| inverse[(i, i)]);
         assert!(difference(&field.pixel_variances(), expected) < 1e-9);

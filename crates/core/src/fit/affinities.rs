@@ -1,9 +1,10 @@
 //! Affinities (how strongly neighbouring pixels are tied together), and the smooth field that they define.
 
 use super::blocks::Blocks;
-use crate::bilinear::{InterpolationWeights, neighbours};
+use crate::bilinear::{InterpolationWeights, containing, neighbours, rescaled};
 use crate::error::FitError;
 use crate::field::{FieldPrior, Grid};
+use crate::lazy::get_or_compute;
 use crate::upsampling::Upsampling;
 use lsdc_kernels::schedule::{InTasks, join};
 use rayon::prelude::*;
@@ -19,7 +20,7 @@ struct Inner {
     width: usize,
     right: Vec<f64>,
     down: Vec<f64>,
-    /// The field of these affinities before any observation, and its level: the last that was asked for.
+    /// The last requested field of these affinities before any observation, with its regularisation.
     prior: Mutex<Option<(f64, Option<FieldPrior>)>>,
     /// Those of blocks of pixels.
     blocks: OnceLock<Affinities>,
@@ -65,7 +66,7 @@ impl Affinities {
     }
 
     /// The same, each times a share `[height, width, 2]`, ordered as in [`Self::new`].
-    pub(crate) fn shared(&self, shares: &[f64]) -> Self {
+    pub(crate) fn scaled_by(&self, shares: &[f64]) -> Self {
         let times = |values: &[f64], first: usize| {
             let some = shares.iter().skip(first).step_by(2);
             values.iter().zip(some).map(|(v, s)| v * s).collect()
@@ -79,39 +80,39 @@ impl Affinities {
     }
 
     /// The grid of a field with these affinities.
-    pub fn grid(&self, level: f64) -> Grid<'_> {
+    pub fn grid(&self, regularisation: f64) -> Grid<'_> {
         Grid {
             height: self.0.height,
             width: self.0.width,
             right: &self.0.right,
             down: &self.0.down,
-            level,
+            diagonal_regularisation: regularisation,
         }
     }
 
-    /// The field before any observation, factorised on first use and again for another level than the last; `None`
-    /// without a level.
-    pub fn prior(&self, level: f64) -> Option<FieldPrior> {
-        let kept = self.kept().clone();
-        if let Some((_, prior)) = kept.filter(|(of, _)| *of == level) {
+    /// The field before any observation, factorised on first use and again for another regularisation than the last;
+    /// `None` without one.
+    pub fn prior(&self, regularisation: f64) -> Option<FieldPrior> {
+        let cached = self.cached_prior().clone();
+        if let Some((_, prior)) = cached.filter(|(of, _)| *of == regularisation) {
             return prior;
         }
-        // Not under the lock: a thread that waits for others there may take up work that asks for the same.
-        let found = FieldPrior::new(&self.grid(level));
-        *self.kept() = Some((level, found.clone()));
+        // Not under the lock: a thread that waits there may steal a task that needs the same field.
+        let found = FieldPrior::new(&self.grid(regularisation));
+        *self.cached_prior() = Some((regularisation, found.clone()));
         found
     }
 
-    /// Gives this field back, which is factorised again if it is asked for.
-    pub(super) fn forget_prior(&self) {
-        *self.kept() = None;
+    /// Frees this field, which is factorised again on the next use.
+    pub(super) fn drop_prior(&self) {
+        *self.cached_prior() = None;
     }
 
-    fn kept(&self) -> MutexGuard<'_, Option<(f64, Option<FieldPrior>)>> {
+    fn cached_prior(&self) -> MutexGuard<'_, Option<(f64, Option<FieldPrior>)>> {
         self.0.prior.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The blocks that pixels make for what is asked of the field roughly.
+    /// The blocks of pixels of a rough field.
     pub(crate) fn blocks(&self) -> Blocks {
         /// Of 304x228 pixels, one in four.
         const BLOCKS: usize = 20_000;
@@ -119,17 +120,12 @@ impl Affinities {
     }
 
     /// The affinities of these blocks, found on first use.
-    pub(crate) fn of_blocks(&self) -> &Self {
-        if let Some(found) = self.0.blocks.get() {
-            return found;
-        }
-        // Not within the initialiser, as above.
-        let found = self.in_blocks(self.blocks());
-        self.0.blocks.get_or_init(|| found)
+    pub(crate) fn by_block(&self) -> &Self {
+        get_or_compute(&self.0.blocks, || self.for_blocks(self.blocks()))
     }
 
     /// The affinities of some blocks.
-    pub(super) fn in_blocks(&self, blocks: Blocks) -> Self {
+    pub(super) fn for_blocks(&self, blocks: Blocks) -> Self {
         let (right, down) = blocks.affinities(&self.grid(0.0));
         Self::from_parts(blocks.counts(), right, down)
     }
@@ -146,13 +142,9 @@ impl Affinities {
 
     /// The pixel that contains a position (u, v) of an image of `size` (height, width).
     pub(super) fn pixel(&self, [u, v]: [f64; 2], size: (usize, usize)) -> u32 {
-        let within = |place: f64, from: usize, to: usize| {
-            let scaled = (place + 0.5) * to as f64 / from.max(1) as f64;
-            (scaled.max(0.0) as usize).min(to.saturating_sub(1))
-        };
         let (column, row) = (
-            within(u, size.1, self.0.width),
-            within(v, size.0, self.0.height),
+            containing(u, size.1, self.0.width),
+            containing(v, size.0, self.0.height),
         );
         (row * self.0.width + column) as u32
     }
@@ -161,7 +153,7 @@ impl Affinities {
 /// The affinities of the image that the points lie in, and the height and width in whose pixels their
 /// positions are given.
 #[derive(Clone, Copy, Debug)]
-pub struct Scene<'a> {
+pub struct FieldGeometry<'a> {
     /// Affinities of the image, at any resolution.
     pub affinities: &'a Affinities,
     /// Height and width of the image that the points lie in.
@@ -169,26 +161,23 @@ pub struct Scene<'a> {
     /// How positions are read, if not bilinearly.
     pub upsampling: Option<&'a Upsampling>,
     /// Whether no other fit to the image follows, so that nothing need be kept for it.
-    pub once: bool,
+    pub transient: bool,
 }
 
-impl Scene<'_> {
+impl FieldGeometry<'_> {
     /// A position (u, v) of the image, on the grid of the field.
     pub(super) fn on_grid(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         let (height, width) = self.affinities.size();
-        let scaled = |place: f64, from: usize, to: usize| {
-            (place + 0.5) * to as f64 / from.max(1) as f64 - 0.5
-        };
         [
-            scaled(u, self.size.1, width),
-            scaled(v, self.size.0, height),
+            rescaled(u, self.size.1, width),
+            rescaled(v, self.size.0, height),
         ]
     }
 
     /// The pixels of the field that a position (u, v) of the image is read from.
-    pub(super) fn taps(&self, place: [f64; 2]) -> InterpolationWeights {
+    pub(super) fn interpolation(&self, place: [f64; 2]) -> InterpolationWeights {
         match self.upsampling {
-            Some(upsampling) => upsampling.taps(place, self.size),
+            Some(upsampling) => upsampling.interpolation(place, self.size),
             None => InterpolationWeights::new(place, self.size, self.affinities.size()),
         }
     }
@@ -196,13 +185,13 @@ impl Scene<'_> {
 
 /// A smooth field, which can be evaluated at any resolution.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Smooth {
+pub struct SmoothField {
     height: usize,
     width: usize,
     values: Vec<f32>,
 }
 
-impl Smooth {
+impl SmoothField {
     pub(crate) fn new((height, width): (usize, usize), values: &[f64]) -> Self {
         let values = values.iter().map(|&v| v as f32).collect();
         Self::from_values((height, width), values)
@@ -222,9 +211,9 @@ impl Smooth {
     }
 
     /// The value of the field where it is read from these pixels.
-    pub fn read(&self, taps: &InterpolationWeights) -> f64 {
+    pub fn read(&self, interpolation: &InterpolationWeights) -> f64 {
         let value = |(pixel, share): (u32, f64)| share * f64::from(self.values[pixel as usize]);
-        taps.iter().map(value).sum()
+        interpolation.iter().map(value).sum()
     }
 
     /// Adds the field to a map of `size` (height, width), by bilinear interpolation between pixel centres.
@@ -251,14 +240,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_field_of_the_last_level_is_kept() {
+    fn the_field_of_the_last_regularisation_is_cached() {
         let affinities = Affinities::new((6, 8), &[1.0; 96]).unwrap();
-        let kept = || affinities.kept().as_ref().map(|(level, _)| *level);
-        for level in [1e-6, 1e-4, 1e-6] {
-            assert!(affinities.prior(level).is_some());
-            assert_eq!(kept(), Some(level));
+        let cached = || {
+            affinities
+                .cached_prior()
+                .as_ref()
+                .map(|(regularisation, _)| *regularisation)
+        };
+        for regularisation in [1e-6, 1e-4, 1e-6] {
+            assert!(affinities.prior(regularisation).is_some());
+            assert_eq!(cached(), Some(regularisation));
         }
-        affinities.forget_prior();
-        assert_eq!(kept(), None);
+        affinities.drop_prior();
+        assert_eq!(cached(), None);
     }
 }

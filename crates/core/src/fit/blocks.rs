@@ -33,13 +33,16 @@ impl Blocks {
     }
 
     /// The blocks of the pixels that a position is read from.
-    pub(super) fn taps(self, taps: &InterpolationWeights) -> InterpolationWeights {
+    pub(super) fn interpolation(
+        self,
+        interpolation: &InterpolationWeights,
+    ) -> InterpolationWeights {
         let (width, across) = (self.size.1, self.counts().1);
         let block = |pixel: u32| {
             let (x, y) = (pixel as usize % width, pixel as usize / width);
             (y / self.side * across + x / self.side) as u32
         };
-        taps.merged(block)
+        interpolation.merged(block)
     }
 
     /// The pixels of each block, folded row by row.
@@ -115,7 +118,7 @@ mod tests {
         let pixels = Affinities::new((height, width), &values).unwrap();
         let blocks = Blocks::new((height, width), height * width / 9);
         assert_eq!((blocks.counts(), blocks.area()), ((4, 6), 9));
-        let found = pixels.in_blocks(blocks);
+        let found = pixels.for_blocks(blocks);
         let grid = found.grid(0.0);
         for y in 0..4 {
             for x in 0..6 {
@@ -144,7 +147,7 @@ mod tests {
         };
         let values: Vec<f32> = (0..2 * height * width).map(value).collect();
         let pixels = Affinities::new((height, width), &values).unwrap();
-        let found = pixels.in_blocks(Blocks::new((height, width), 16));
+        let found = pixels.for_blocks(Blocks::new((height, width), 16));
         assert_eq!(found.size(), (4, 4));
         for (i, right) in found.grid(0.0).right.iter().enumerate() {
             assert_eq!(*right > 0.0, i % 4 == 2, "{i}");
@@ -167,11 +170,11 @@ mod tests {
             size: (1, width),
             side: 3,
         };
-        let found = pixels.in_blocks(blocks);
+        let found = pixels.for_blocks(blocks);
         let at = [4, 40, 76].map(InterpolationWeights::pixel);
         let fine = PrecisionSolver::new(&pixels.grid(0.0), &at, &[50.0; 3]).unwrap();
-        let taps = at.map(|taps| blocks.taps(&taps));
-        let coarse = PrecisionSolver::new(&found.grid(0.0), &taps, &[50.0; 3]).unwrap();
+        let interpolation = at.map(|interpolation| blocks.interpolation(&interpolation));
+        let coarse = PrecisionSolver::new(&found.grid(0.0), &interpolation, &[50.0; 3]).unwrap();
         let fine = fine.pixel_variances();
         for (block, variance) in coarse.pixel_variances().iter().enumerate() {
             let expected = fine[3 * block + 1];
@@ -191,8 +194,8 @@ mod tests {
         let values: Vec<f64> = (0..15).map(f64::from).collect();
         let sums = blocks.fold(&values, 0.0, |sum, value| sum + value);
         assert_eq!(sums, [12.0, 20.0, 13.0, 21.0, 25.0, 14.0]);
-        let taps = InterpolationWeights::new([1.5, 0.5], (3, 5), (3, 5));
-        let found: Vec<_> = blocks.taps(&taps).iter().collect();
+        let interpolation = InterpolationWeights::new([1.5, 0.5], (3, 5), (3, 5));
+        let found: Vec<_> = blocks.interpolation(&interpolation).iter().collect();
         assert_eq!(found, [(0, 0.5), (1, 0.5)]);
     }
 }

@@ -59,7 +59,7 @@ impl CosineBasis {
     /// Appends the values of the cosines to rows of existing values, `before` values for each position.
     /// Positions (u, v) are in pixels of an image of the given height and width, where (0, 0) is the centre
     /// of the first pixel.
-    pub fn beside(
+    pub fn append_to(
         &self,
         rows: &[f32],
         before: usize,
@@ -131,11 +131,11 @@ impl CosineBasis {
 /// Every half-wave at a position on an axis, the constant first: from one cosine, by
 /// `cos (n + 1) t = 2 cos t cos n t - cos (n - 1) t`, which loses no digit of f32.
 fn cosines(place: f64, length: usize, values: &mut [f32]) {
-    let once = (std::f64::consts::PI * (place + 0.5) / length as f64).cos();
-    let (mut before, mut now) = (once, 1.0);
+    let first = (std::f64::consts::PI * (place + 0.5) / length as f64).cos();
+    let (mut previous, mut current) = (first, 1.0);
     for value in values {
-        *value = now as f32;
-        (before, now) = (now, 2.0 * once * now - before);
+        *value = current as f32;
+        (previous, current) = (current, 2.0 * first * current - previous);
     }
 }
 
@@ -176,7 +176,7 @@ mod tests {
         let places: Vec<[f64; 2]> = pixels
             .map(|p| [(p % width) as f64, (p / width) as f64])
             .collect();
-        let rows = cosines.beside(&given, 2, (height, width), &places);
+        let rows = cosines.append_to(&given, 2, (height, width), &places);
         for (i, row) in rows.chunks(2 + cosines.len()).enumerate() {
             assert_eq!(row[..2], [7.0, i as f32]);
             let (x, y) = ((i % width) as f64, (i / width) as f64);

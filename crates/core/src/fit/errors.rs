@@ -28,13 +28,13 @@ pub const PIXEL_FEATURES: usize = 9;
 pub type PixelFeatures = [f32; PIXEL_FEATURES];
 
 /// The number of points at which the distribution is calibrated.
-pub const KNOTS: usize = 4;
+pub const CALIBRATION_NODES: usize = 4;
 
 /// The distribution of errors for each of some numbers of points, ascending. In between, exponents and the
 /// logarithm of the freedom are interpolated in the logarithm of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct ErrorModel(pub [CalibrationNode; KNOTS]);
+pub struct ErrorModel(pub [CalibrationNode; CALIBRATION_NODES]);
 
 /// The distribution of errors for one number of points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,7 +49,7 @@ pub struct CalibrationNode {
 }
 
 /// An error, in units of the mean depth, and what was known of its pixel.
-pub type Sample = (PixelFeatures, f32);
+pub type ErrorSample = (PixelFeatures, f32);
 
 impl ErrorModel {
     /// Checks every number.
@@ -57,11 +57,11 @@ impl ErrorModel {
     /// # Errors
     /// Numbers that are not finite, no freedom, or numbers of points that do not rise.
     pub fn check(&self) -> Result<(), WeightsError> {
-        let sound = |knot: &CalibrationNode| {
-            (CalibrationNode::LEAST..=CalibrationNode::MOST).contains(&knot.freedom)
-                && knot.points > 0.0
-                && knot.points.is_finite()
-                && knot.exponents.iter().all(|e| e.is_finite())
+        let sound = |node: &CalibrationNode| {
+            (CalibrationNode::LEAST..=CalibrationNode::MOST).contains(&node.freedom)
+                && node.points > 0.0
+                && node.points.is_finite()
+                && node.exponents.iter().all(|e| e.is_finite())
         };
         if self.0.iter().all(sound) && self.0.is_sorted_by(|a, b| a.points < b.points) {
             Ok(())
@@ -89,7 +89,7 @@ impl ErrorModel {
         let end = if place < self.0[0].points.ln() {
             0
         } else {
-            KNOTS - 1
+            CALIBRATION_NODES - 1
         };
         self.0
             .array_windows()
@@ -118,7 +118,7 @@ impl CalibrationNode {
     /// The distribution under which `samples` are most likely: exponents by Fisher scoring, in which the
     /// information on a logarithm of a scale is 2 freedom / (freedom + 3), and the freedom by golden section.
     /// `None` for too few samples.
-    pub fn learn(points: f64, samples: &[Sample]) -> Option<Self> {
+    pub fn learn(points: f64, samples: &[ErrorSample]) -> Option<Self> {
         const ROUNDS: usize = 40;
         /// Relative to the number of samples, so that a feature that never varies has no exponent.
         const RIDGE: f64 = 1e-4;
@@ -176,7 +176,7 @@ impl CalibrationNode {
         (f64::from(error) * (-self.log_scale(features)).exp()).powi(2)
     }
 
-    fn likeliest_freedom(&self, samples: &[Sample]) -> f64 {
+    fn likeliest_freedom(&self, samples: &[ErrorSample]) -> f64 {
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         let squares: Vec<f64> = samples.iter().map(|(c, e)| self.square(c, *e)).collect();
         let cost = |x: f64| {
@@ -208,7 +208,7 @@ mod tests {
     use super::*;
     use lsdc_rng::Rng;
 
-    fn knot(points: f64, freedom: f64, shift: f64) -> CalibrationNode {
+    fn node(points: f64, freedom: f64, shift: f64) -> CalibrationNode {
         let mut exponents = [0.0; PIXEL_FEATURES];
         (exponents[0], exponents[2], exponents[5]) = (shift, 0.8, -0.3);
         CalibrationNode {
@@ -222,8 +222,8 @@ mod tests {
     #[test]
     fn a_distribution_is_learned_from_its_own_errors() {
         let mut rng = Rng::stream(5, &["errors"]);
-        let truth = knot(50.0, 4.0, -2.0);
-        let samples: Vec<Sample> = (0..40_000)
+        let truth = node(50.0, 4.0, -2.0);
+        let samples: Vec<ErrorSample> = (0..40_000)
             .map(|_| {
                 let mut features = [0.0_f32; PIXEL_FEATURES];
                 for feature in &mut features {
@@ -247,10 +247,10 @@ mod tests {
     #[test]
     fn between_two_numbers_of_points_logarithms_are_interpolated() {
         let model = ErrorModel([
-            knot(5.0, 2.0, 0.0),
-            knot(50.0, 8.0, 1.0),
-            knot(500.0, 3.0, 2.0),
-            knot(5000.0, 3.0, 4.0),
+            node(5.0, 2.0, 0.0),
+            node(50.0, 8.0, 1.0),
+            node(500.0, 3.0, 2.0),
+            node(5000.0, 3.0, 4.0),
         ]);
         model.check().unwrap();
         assert_eq!(model.at(1), model.0[0]);

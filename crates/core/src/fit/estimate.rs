@@ -1,8 +1,8 @@
-//! What an estimator finds.
+//! The result of an estimator.
 
 use super::joint::FieldFit;
 use super::lstsq::Solution;
-use super::points::Rows;
+use super::points::FitRows;
 use std::sync::Arc;
 
 /// The result of an estimator.
@@ -10,7 +10,7 @@ use std::sync::Arc;
 pub(super) struct Estimate {
     pub(super) solution: Solution,
     /// The residual of each value.
-    pub(super) rests: Vec<f64>,
+    pub(super) residuals: Vec<f64>,
     /// The noise variance of a point of weight 1, in the squared unit of the space.
     pub(super) noise: f64,
     /// The strength of the prior.
@@ -20,7 +20,7 @@ pub(super) struct Estimate {
 }
 
 impl Estimate {
-    pub(super) fn leverages(&self, rows: &Rows<'_>, weights: &[f64]) -> Vec<f64> {
+    pub(super) fn leverages(&self, rows: &FitRows<'_>, weights: &[f64]) -> Vec<f64> {
         match &self.field {
             None => self.solution.leverages(&rows.bases(), weights),
             Some(field) => field.leverages(&self.solution, weights),

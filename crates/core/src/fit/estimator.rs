@@ -4,7 +4,7 @@ use super::estimate::Estimate;
 use super::joint::FieldEstimator;
 use super::lambda::Lambda;
 use super::lstsq::{Problem, Solver};
-use super::points::Rows;
+use super::points::FitRows;
 use super::prior::Prior;
 use crate::error::Result;
 
@@ -29,21 +29,21 @@ impl Estimator<'_> {
     }
 
     /// The inverse variance of the noise of a point of weight 1, in the unit of the fit.
-    pub(super) fn data(self) -> f64 {
+    pub(super) fn observation_precision(self) -> f64 {
         match self {
-            Self::Field(estimator) => estimator.joint.data,
+            Self::Field(estimator) => estimator.joint.observation_precision,
             Self::Plain(_) | Self::Shrunk(..) => 1.0,
         }
     }
 
-    pub(super) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
+    pub(super) fn solve(self, rows: &FitRows<'_>, weights: &[f64]) -> Result<Estimate> {
         let problem = || Problem::new(&rows.bases(), &rows.values, weights);
         match self {
             Self::Field(estimator) => estimator.solve(rows, weights),
             Self::Shrunk(prior, lambda) => {
                 let found = problem().moments().shrunk(prior, lambda)?;
                 Ok(Estimate {
-                    rests: rows.residuals(&found.solution.weights),
+                    residuals: rows.residuals(&found.solution.weights),
                     solution: found.solution,
                     noise: found.noise,
                     lambda: Some(found.lambda),
@@ -52,13 +52,13 @@ impl Estimator<'_> {
             }
             Self::Plain(solver) => {
                 let solution = problem().solve(solver)?;
-                let rests = rows.residuals(&solution.weights);
-                let squares: f64 = rests.iter().zip(weights).map(|(r, w)| w * r * r).sum();
+                let residuals = rows.residuals(&solution.weights);
+                let squares: f64 = residuals.iter().zip(weights).map(|(r, w)| w * r * r).sum();
                 let used = weights.iter().filter(|w| **w > 0.0).count();
                 let freedom = used.saturating_sub(solution.rank).max(1);
                 Ok(Estimate {
                     solution,
-                    rests,
+                    residuals,
                     noise: squares / freedom as f64,
                     lambda: None,
                     field: None,

@@ -1,4 +1,4 @@
-//! Fits points as the settings say.
+//! Fits points by the settings.
 
 use super::config::{FitConfig, FitMethod, PriorKind};
 use super::cosines::CosineBasis;
@@ -7,7 +7,7 @@ use super::estimator::Estimator;
 use super::joint::FieldEstimator;
 use super::lstsq::Problem;
 use super::outcome::{self, Fit};
-use super::points::{Points, Rows};
+use super::points::{FitPoints, FitRows};
 use super::prior::Prior;
 use super::robust::{self, InlierPosterior};
 use super::space::Space;
@@ -20,50 +20,49 @@ use std::borrow::Cow;
 /// # Errors
 /// No points, values that are not finite, a required prior that is not given, or a decomposition that does
 /// not converge.
-pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
-    let (mut fit, trust) = with_plain(
+pub fn fit(points: &FitPoints<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
+    let rough = config.robust.is_some();
+    with_initial_fit(
         points,
         config,
         prior,
-        config.robust.is_some(),
-        |rows, estimator, plain| {
-            let (estimate, point_weights) = match config.robust {
-                None => (plain, rows.weights.clone()),
-                Some(settings) => robust::robust(rows, estimator, plain, settings)?,
-            };
-            Ok(Fit::new(rows, estimate, point_weights))
+        rough,
+        |mut rows, estimator, mut estimate, guide_trust| {
+            if let Some(settings) = config.robust {
+                let robust = robust::robust(&rows, estimator, estimate, settings)?;
+                (estimate, rows.weights) = robust;
+            }
+            Ok(Fit::new(rows, estimate, guide_trust))
         },
-    )?;
-    fit.trust = trust;
-    Ok(fit)
+    )
 }
 
-/// What the other points say of each point; errors and scales are in metres. `config.robust` does not matter.
+/// The probability that each point is an inlier, by its prediction from the others; errors and scales are in metres.
+/// `config.robust` does not matter.
 ///
 /// # Errors
 /// As for [`fit()`].
-pub fn judge(
-    points: &Points<'_>,
+pub fn inlier_posteriors(
+    points: &FitPoints<'_>,
     config: &FitConfig,
     prior: Option<&Prior>,
 ) -> Result<Vec<InlierPosterior>> {
-    let (judged, _) = with_plain(points, config, prior, true, |rows, estimator, plain| {
-        let mut judged = robust::judge(rows, estimator, &plain)?;
-        outcome::in_metres(&rows.values, &mut judged, rows.scale);
-        Ok(judged)
-    })?;
-    Ok(judged)
+    with_initial_fit(points, config, prior, true, |rows, estimator, plain, _| {
+        let mut posteriors = robust::inlier_posteriors(&rows, estimator, &plain)?;
+        outcome::in_metres(&rows.values, &mut posteriors, rows.scale);
+        Ok(posteriors)
+    })
 }
 
-/// Checks points and settings, and hands on what solves them, with the solution in which all points count. Returns how
-/// far a guide is trusted too, if there is one.
-fn with_plain<T>(
-    points: &Points<'_>,
+/// Checks points and settings, and calls `then` with the rows of the regression, the estimator, its estimate in which all
+/// points count, and the standard deviation of the prior over the weights of a guide, if there is one.
+fn with_initial_fit<T>(
+    points: &FitPoints<'_>,
     config: &FitConfig,
     prior: Option<&Prior>,
     rough_only: bool,
-    then: impl FnOnce(&Rows<'_>, Estimator<'_>, Estimate) -> Result<T>,
-) -> Result<(T, Option<f64>)> {
+    then: impl FnOnce(FitRows<'_>, Estimator<'_>, Estimate, Option<f64>) -> Result<T>,
+) -> Result<T> {
     config.check()?;
     let mut rows = points.rows(config.space)?;
     let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
@@ -85,7 +84,9 @@ fn with_plain<T>(
     let field = match config.method {
         FitMethod::Lse => None,
         method @ (FitMethod::Field | FitMethod::Joint) => Some(FieldEstimator {
-            scene: points.scene.ok_or(FitError::NoAffinities(method.name()))?,
+            geometry: points
+                .geometry
+                .ok_or(FitError::NoAffinities(method.name()))?,
             joint: match method {
                 FitMethod::Field => config.joint.alone(),
                 _ => config.joint,
@@ -95,11 +96,11 @@ fn with_plain<T>(
             surface: config.joint.surface,
         }),
     };
-    let mut trust = None;
+    let mut guide_trust = None;
     let learned = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
     if let (Some(network), true) = (&prior, points.guides > 0 && learned) {
         let (moments, lambda) = if let Some(field) = field {
-            let (moments, count) = field.some_moments(&rows)?;
+            let (moments, count) = field.sample_moments(&rows)?;
             (moments, config.field_lambda().at(count))
         } else {
             let problem = Problem::new(&rows.bases(), &rows.values, &rows.weights);
@@ -107,7 +108,7 @@ fn with_plain<T>(
         };
         let (found, deviation) = guided::likeliest(network, points.guides, &moments, lambda)?;
         prior = Some(Cow::Owned(found));
-        trust = Some(deviation);
+        guide_trust = Some(deviation);
     }
     let estimator = match (field, prior.as_deref()) {
         (None, None) => Estimator::Plain(config.solver()),
@@ -127,12 +128,17 @@ fn with_plain<T>(
     };
     let plain = rough.solve(&rows, &rows.weights)?;
     let solve = |weights: &[f64]| rough.solve(&rows, weights);
-    let (mut plain, weights) = measured::weighed(plain, &rows.variances, estimator.data(), solve)?;
+    let (mut plain, weights) = measured::weighted_by_variance(
+        plain,
+        &rows.variances,
+        estimator.observation_precision(),
+        solve,
+    )?;
     rows.weights = weights;
     if known && !rough_only {
         plain = estimator.solve(&rows, &rows.weights)?;
     }
-    Ok((then(&rows, estimator, plain)?, trust))
+    then(rows, estimator, plain, guide_trust)
 }
 
 /// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.

@@ -18,7 +18,7 @@ pub enum Lambda {
     /// Numbers of points, in ascending order, and the value for each. Values in between are interpolated
     /// logarithmically; beyond the first and the last they stay constant.
     #[serde(untagged)]
-    ByCount([(f64, f64); COUNTS]),
+    ByCount([(f64, f64); LAMBDA_COUNTS]),
 }
 
 impl Lambda {
@@ -53,12 +53,12 @@ impl Lambda {
 }
 
 /// The number of pairs in [`Lambda::ByCount`].
-pub const COUNTS: usize = 3;
+pub const LAMBDA_COUNTS: usize = 3;
 
 /// The value for a number of points.
-fn by_count(values: &[(f64, f64); COUNTS], count: usize) -> f64 {
+fn by_count(values: &[(f64, f64); LAMBDA_COUNTS], count: usize) -> f64 {
     let place = (count.max(1) as f64).ln();
-    let (first, last) = (values[0], values[COUNTS - 1]);
+    let (first, last) = (values[0], values[LAMBDA_COUNTS - 1]);
     for [(from, low), (to, high)] in values.array_windows() {
         let (start, end) = (from.ln(), to.ln());
         if place >= start && place < end {

@@ -1,5 +1,4 @@
-//! Points whose depths come with standard deviations: how much each counts beside what the model of depth
-//! leaves unexplained.
+//! Weights of points whose depths have standard deviations, beside what the model of depth leaves unexplained.
 
 use super::estimate::Estimate;
 use crate::error::Result;
@@ -9,49 +8,47 @@ use crate::error::Result;
 const EXACT: f64 = 1e-7;
 /// A search needs a tenth of these.
 const ROUNDS: usize = 100;
-/// If the points vary no more than their own deviations say, the model explains all the rest: its variance is then
-/// this share of that of the most precise point.
+/// If the points vary no more than their standard deviations, the variance of the model is this share of that of the
+/// most precise point.
 const NOTHING: f64 = 1e-6;
 
-/// Weighs points with variances of their own, `own`, which are 0 for points whose variance is unknown: these have that
-/// of points about the model in `plain`, the noise of the fit, if others are known. A point whose own variance is v
-/// has the weight
+/// Weights points by the variances of their measurements, which are 0 where unknown: such points get the noise of the
+/// `plain` fit, if other variances are known. A point whose measurement has the variance v has the weight
 ///
 /// ```text
-/// 1 / (1 + data v / s2)
+/// 1 / (1 + a v / s2)
 /// ```
 ///
-/// where `s2` / `data` is the variance of the points about the model of depth, of which v is in addition. The model's
-/// variance s2 is the one at which the squares of all that the model and the deviations leave to chance have the
-/// mean that they are expected to have: at which the estimate of the noise is s2 itself. `plain` is the estimate
-/// for points of weight 1; `solve` returns that for other weights.
+/// where a is the observation precision, and s2 / a the variance of the points about the model of depth, to which v is
+/// added. s2 is found as the fixed point at which the fit with these weights estimates a noise of s2. `plain` is the
+/// estimate for points of weight 1; `solve` returns that for other weights.
 ///
 /// # Errors
 /// Those of `solve`.
-pub(super) fn weighed(
+pub(super) fn weighted_by_variance(
     plain: Estimate,
-    own: &[f64],
-    data: f64,
+    variances: &[f64],
+    observation_precision: f64,
     solve: impl Fn(&[f64]) -> Result<Estimate>,
 ) -> Result<(Estimate, Vec<f64>)> {
-    let least = own.iter().copied().filter(|v| *v > 0.0);
+    let least = variances.iter().copied().filter(|v| *v > 0.0);
     let least = least.fold(f64::INFINITY, f64::min);
     if least == f64::INFINITY {
-        return Ok((plain, vec![1.0; own.len()]));
+        return Ok((plain, vec![1.0; variances.len()]));
     }
-    let unknown = plain.noise / data;
+    let unknown = plain.noise / observation_precision;
     let at = |place: f64| {
         let square = place.exp();
-        let variances = own.iter().map(|&v| if v > 0.0 { v } else { unknown });
-        let weights = variances.map(|v| 1.0 / (1.0 + data * v / square));
+        let variances = variances.iter().map(|&v| if v > 0.0 { v } else { unknown });
+        let weights = variances.map(|v| 1.0 / (1.0 + observation_precision * v / square));
         let weights: Vec<f64> = weights.collect();
         let estimate = solve(&weights)?;
-        // Falls as the place rises.
+        // Decreases with `place`.
         let excess = estimate.noise.ln() - place;
         Ok::<_, crate::Error>((excess, estimate, weights))
     };
     let floor = (NOTHING * least).ln();
-    // More noise is not left when deviations explain some of it.
+    // The noise is no larger when the measurements explain some of it.
     let mut high = plain.noise.ln().max(floor);
     let mut found = at(high)?;
     let (mut above, mut step) = (found.0, 2.0);

@@ -1,7 +1,7 @@
 //! Medians, and the deviation that follows from them.
 
 /// The median; 0 without a value.
-pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     if values.is_empty() {
         return 0.0;

@@ -29,17 +29,20 @@ pub mod student_t;
 mod tests;
 mod window;
 
-pub use affinities::{Affinities, Scene, Smooth};
+pub use affinities::{Affinities, FieldGeometry, SmoothField};
 pub use config::{Changes, FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
-pub use errors::{CalibrationNode, ErrorModel, KNOTS, PIXEL_FEATURES, PixelFeatures, Sample};
-pub use fitting::{fit, judge};
+pub use errors::{
+    CALIBRATION_NODES, CalibrationNode, ErrorModel, ErrorSample, PIXEL_FEATURES, PixelFeatures,
+};
+pub use fitting::{fit, inlier_posteriors};
 pub use joint::{Adjoint, Gradients, JointConfig, Variances};
-pub use lambda::{COUNTS, Lambda};
+pub use lambda::{LAMBDA_COUNTS, Lambda};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
+pub(crate) use medians::median;
 pub use noise::LocalNoise;
 pub use outcome::{Fit, RANGE, root_mean_square};
-pub use points::{Bases, Functions, Points};
+pub use points::{BasisValues, EvaluateBasis, FitPoints};
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{InlierPosterior, Loss, Robust};
 pub use space::Space;

@@ -2,6 +2,7 @@
 
 use super::window::Window;
 use super::{Fit, root_mean_square};
+use crate::bilinear::between;
 
 /// The variance of depths about a fit, which varies across the image, because what basis functions cannot
 /// represent is large in some areas and small in others. Around a pixel, it is the sum of squared residuals
@@ -43,19 +44,19 @@ impl LocalNoise {
         let cell = |v: f64, count: usize| (((v + 0.5).max(0.0) / side) as usize).min(count - 1);
         for (i, &[x, y]) in places.iter().enumerate() {
             let at = cell(y, rows) * columns + cell(x, columns);
-            let weight = fit.data() * fit.point_weights[i];
-            // Points that were given no weight tell nothing of the others.
+            let weight = fit.observation_precision() * fit.point_weights[i];
+            // Points without weight have no influence on the noise.
             if weight == 0.0 {
                 continue;
             }
             let left = 1.0 - leverages[i];
             if fit.field.is_none() {
-                squares[at] += weight * fit.rests[i].powi(2);
+                squares[at] += weight * fit.space_residuals[i].powi(2);
                 freedom[at] += left;
             } else if left > LEAST {
-                // A field follows every point nearly, so that each has next to no freedom left;
-                // what it would be off, had it been left out, is worth one degree all the same.
-                squares[at] += weight * fit.rests[i].powi(2) / left;
+                // A field nearly meets every point, which leaves next to no freedom; its leave-one-out error counts
+                // as one degree.
+                squares[at] += weight * fit.space_residuals[i].powi(2) / left;
                 freedom[at] += 1.0;
             }
         }
@@ -74,8 +75,8 @@ impl LocalNoise {
         }
     }
 
-    /// Whether the noise is zero somewhere: there it is unknown rather than nothing.
-    pub fn is_silent(&self) -> bool {
+    /// Whether the noise is zero somewhere: there it is unknown.
+    pub fn is_unknown(&self) -> bool {
         const ROUNDING: f64 = 1e-20;
         let least = ROUNDING * self.square;
         self.values.iter().any(|v| *v <= least)
@@ -84,13 +85,8 @@ impl LocalNoise {
     /// The variance at a position, with coordinates from 0 to the image's width and height; bilinear between
     /// cells.
     pub fn at(&self, x: f64, y: f64) -> f64 {
-        let between = |v: f64, count: usize| {
-            let v = (v / self.side - 0.5).clamp(0.0, (count - 1) as f64);
-            let low = (v as usize).min(count - 1);
-            (low, (low + 1).min(count - 1), v - low as f64)
-        };
-        let (left, right, across) = between(x, self.columns);
-        let (top, bottom, down) = between(y, self.rows);
+        let (left, right, across) = between(x / self.side - 0.5, self.columns);
+        let (top, bottom, down) = between(y / self.side - 0.5, self.rows);
         let row = |r: usize| {
             let value = |c: usize| self.values[r * self.columns + c];
             value(left) + across * (value(right) - value(left))
@@ -102,7 +98,7 @@ impl LocalNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::{FitConfig, Points, fit};
+    use crate::fit::{FitConfig, FitPoints, fit};
 
     /// A constant fitted to points, exact on the left half and off by `noise` on the right.
     fn halves(noise: f32) -> (Fit, Vec<[f64; 2]>, Vec<f32>) {
@@ -116,7 +112,12 @@ mod tests {
             }
         }
         let bases = vec![1.0; depths.len()];
-        let fit = fit(&Points::new(&bases, &depths), &FitConfig::default(), None).unwrap();
+        let fit = fit(
+            &FitPoints::new(&bases, &depths),
+            &FitConfig::default(),
+            None,
+        )
+        .unwrap();
         (fit, places, bases)
     }
 
@@ -141,7 +142,7 @@ mod tests {
         for (i, [x, y]) in places.iter().enumerate() {
             let square = (x - 50.0).powi(2) + (y - 17.0).powi(2);
             let weight = (-square / (2.0 * 9.0)).exp();
-            squares += weight * fit.rests[i].powi(2);
+            squares += weight * fit.space_residuals[i].powi(2);
             freedom += weight * (1.0 - leverages[i]);
         }
         let expected = squares / freedom;

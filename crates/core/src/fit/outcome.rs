@@ -4,10 +4,10 @@ use super::estimate::Estimate;
 use super::joint::{FieldFit, Variances};
 use super::leave_one_out::{least_freedom, leave_one_out};
 use super::lstsq::Solution;
-use super::points::Rows;
+use super::points::FitRows;
 use super::robust::InlierPosterior;
-use super::space::Scale;
-use super::{Smooth, Space};
+use super::space::DepthScale;
+use super::{SmoothField, Space};
 use crate::error::FitError;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -32,41 +32,42 @@ pub struct Fit {
     /// The strength of the prior, if there was one: the ratio of the noise variance to the variance of the
     /// prior.
     pub lambda: Option<f64>,
-    /// How far the guide was trusted, if there was one and the prior is learned: the expected size of the weights of its
-    /// functions, in units of the scene's scale; 0 if the points do not support it.
-    pub trust: Option<f64>,
+    /// The standard deviation of the prior over the weights of the guide's functions, in units of the scene's scale, if
+    /// there is a guide and the prior is learned; 0 if the points do not support the guide.
+    pub guide_trust: Option<f64>,
     /// What the basis functions represent, and in which unit.
-    pub scale: Scale,
+    pub scale: DepthScale,
     /// The noise variance of a point of weight 1, in the squared unit of the space.
     pub(super) noise: f64,
-    /// Depths, and residuals of the joint fit, in the space of the fit.
+    /// Depths, and residuals of the fit without stacking, in the space of the fit.
     pub(super) values: Vec<f64>,
-    pub(super) rests: Vec<f64>,
+    pub(super) space_residuals: Vec<f64>,
     solution: Solution,
     pub(super) field: Option<Arc<FieldFit>>,
 }
 
 impl Fit {
-    pub(super) fn new(rows: &Rows<'_>, estimate: Estimate, point_weights: Vec<f64>) -> Self {
+    /// The fit of rows by an estimate with their weights.
+    pub(super) fn new(rows: FitRows<'_>, estimate: Estimate, guide_trust: Option<f64>) -> Self {
         let Estimate {
             solution,
-            rests,
+            residuals,
             noise,
             lambda,
             field,
         } = estimate;
-        let map = field.as_ref().and_then(|field| field.rests());
+        let of_map = field.as_ref().and_then(|field| field.map_residuals());
         Self {
             weights: solution.weights.clone(),
-            residuals: metres(&rows.values, map.unwrap_or(&rests), rows.scale),
-            point_weights,
+            residuals: metres(&rows.values, of_map.unwrap_or(&residuals), rows.scale),
+            point_weights: rows.weights,
             rank: solution.rank,
             lambda,
-            trust: None,
+            guide_trust,
             scale: rows.scale,
             noise,
-            values: rows.values.clone(),
-            rests,
+            values: rows.values,
+            space_residuals: residuals,
             solution,
             field,
         }
@@ -78,7 +79,7 @@ impl Fit {
     }
 
     /// The field that is added to basis functions x weights, if there is one.
-    pub fn smooth(&self) -> Option<&Smooth> {
+    pub fn smooth(&self) -> Option<&SmoothField> {
         self.field.as_ref().map(|field| &field.smooth)
     }
 
@@ -96,7 +97,7 @@ impl Fit {
 
     /// Height and width of that field.
     pub(crate) fn field_size(&self) -> Option<(usize, usize)> {
-        self.field.as_ref().map(|field| field.size)
+        self.field.as_ref().map(|field| field.smooth.size())
     }
 
     /// Root mean square of the residuals, in metres.
@@ -125,14 +126,14 @@ impl Fit {
     /// PRESS error) estimates the error of the depth between the points without ground truth, if the points
     /// are distributed like the pixels. NaN for a point that the fit passes through whatever its depth is.
     pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
-        let field = self.field.is_some();
-        let mut rests = leave_one_out(&self.rests, leverages, field);
+        let has_field = self.field.is_some();
+        let mut errors = leave_one_out(&self.space_residuals, leverages, has_field);
         if let Some(field) = &self.field {
-            field.left_out(&self.values, &self.point_weights, &mut rests);
+            field.left_out(&self.values, &self.point_weights, &mut errors);
         }
-        let mut errors = metres(&self.values, &rests, self.scale);
+        let mut errors = metres(&self.values, &errors, self.scale);
         for (error, leverage) in errors.iter_mut().zip(leverages) {
-            if 1.0 - leverage < least_freedom(field) {
+            if 1.0 - leverage < least_freedom(has_field) {
                 *error = f64::NAN;
             }
         }
@@ -185,7 +186,7 @@ impl Fit {
         bases: impl Fn((usize, usize), &[[f64; 2]]) -> Vec<f32> + Sync,
     ) -> Result<Option<Variances>, FitError> {
         let of = |field: &Arc<FieldFit>| {
-            field.variances(&self.solution, |places| bases(field.size, places))
+            field.variances(&self.solution, |places| bases(field.smooth.size(), places))
         };
         self.field.as_ref().map(of).transpose()
     }
@@ -199,7 +200,7 @@ impl Fit {
         bases: impl Fn((usize, usize), &[[f64; 2]]) -> Vec<f32> + Sync,
     ) -> Result<Option<Variances>, FitError> {
         let of = |field: &Arc<FieldFit>| {
-            field.rough_variances(&self.solution, |places| bases(field.size, places))
+            field.rough_variances(&self.solution, |places| bases(field.smooth.size(), places))
         };
         self.field.as_ref().map(of).transpose()
     }
@@ -209,31 +210,33 @@ impl Fit {
         self.noise
     }
 
-    /// The weight of a point of weight 1 in the objective: 1, or `data` in a fit with a field.
-    pub(super) fn data(&self) -> f64 {
-        self.field.as_ref().map_or(1.0, |field| field.data)
+    /// The weight of a point of weight 1 in the objective: 1, or `observation_precision` in a fit with a field.
+    pub(super) fn observation_precision(&self) -> f64 {
+        self.field
+            .as_ref()
+            .map_or(1.0, |field| field.observation_precision)
     }
 }
 
 /// Residuals in metres, from values and residuals in the space of a fit. A logarithm or an inverse may stand for
 /// any depth, even an infinite one: fitted depths are clamped like those of the map.
-fn metres(values: &[f64], rests: &[f64], scale: Scale) -> Vec<f64> {
+fn metres(values: &[f64], residuals: &[f64], scale: DepthScale) -> Vec<f64> {
     if scale.space() == Space::Depth {
-        return rests.to_vec();
+        return residuals.to_vec();
     }
     let depths = || values.iter().map(|value| scale.depth(*value));
     let low = depths().fold(f64::INFINITY, f64::min) / f64::from(RANGE);
     let high = depths().fold(0.0, f64::max) * f64::from(RANGE);
-    let rests = values.iter().zip(rests).zip(depths());
-    rests
-        .map(|((value, rest), depth)| depth - scale.depth(value - rest).clamp(low, high))
+    let pairs = values.iter().zip(residuals).zip(depths());
+    pairs
+        .map(|((value, residual), depth)| depth - scale.depth(value - residual).clamp(low, high))
         .collect()
 }
 
 /// Converts errors and scales from the space of a fit.
-pub(super) fn in_metres(values: &[f64], judged: &mut [InlierPosterior], scale: Scale) {
-    let errors: Vec<f64> = judged.iter().map(|found| found.error).collect();
-    for ((found, error), value) in judged
+pub(super) fn in_metres(values: &[f64], posteriors: &mut [InlierPosterior], scale: DepthScale) {
+    let errors: Vec<f64> = posteriors.iter().map(|found| found.error).collect();
+    for ((found, error), value) in posteriors
         .iter_mut()
         .zip(metres(values, &errors, scale))
         .zip(values)

@@ -2,14 +2,15 @@
 
 use super::lstsq::dot;
 use super::medians::median;
-use super::space::Scale;
-use super::{Scene, Space};
+use super::space::DepthScale;
+use super::{FieldGeometry, Space};
 use crate::error::FitError;
 use std::borrow::Cow;
+use std::cmp::Ordering;
 use std::fmt::Debug;
 
 /// Basis functions of an image that can be evaluated anywhere.
-pub trait Functions: Debug + Sync {
+pub trait EvaluateBasis: Debug + Sync {
     /// The number of functions, including the constant and cosines.
     fn count(&self) -> usize;
 
@@ -23,22 +24,22 @@ pub trait Functions: Debug + Sync {
     fn map(&self, grid: (usize, usize), weights: &[f64]) -> Vec<f32>;
 }
 
-/// The basis functions at some points.
+/// How the basis functions are given.
 #[derive(Clone, Copy, Debug)]
-pub enum Bases<'a> {
-    /// Their values `[n, N + 1]`, row by row.
-    Rows(&'a [f32]),
-    /// Of so many points that fits with a field evaluate them at some of these only.
-    Functions(&'a dyn Functions),
+pub enum BasisValues<'a> {
+    /// Their values at the points, `[n, N + 1]`, row by row.
+    AtPoints(&'a [f32]),
+    /// A function of position, for so many points that fits with a field evaluate a sample only.
+    Everywhere(&'a dyn EvaluateBasis),
     /// Both.
-    Held(&'a [f32], &'a dyn Functions),
+    Both(&'a [f32], &'a dyn EvaluateBasis),
 }
 
 /// Sparse depths with the basis functions at their positions.
 #[derive(Clone, Copy, Debug)]
-pub struct Points<'a> {
+pub struct FitPoints<'a> {
     /// Basis functions.
-    pub bases: Bases<'a>,
+    pub bases: BasisValues<'a>,
     /// How many of them, the last ones before cosines, are those of a [guide](crate::DepthGuide).
     pub guides: usize,
     /// Depths in metres, above 0.
@@ -50,34 +51,34 @@ pub struct Points<'a> {
     /// neighbours.
     pub places: Option<&'a [[f64; 2]]>,
     /// The image that the points lie in, which fits with a field need.
-    pub scene: Option<Scene<'a>>,
+    pub geometry: Option<FieldGeometry<'a>>,
 }
 
-/// Points in the space of the fit.
-pub(super) struct Rows<'a> {
-    bases: Bases<'a>,
+/// The rows of a regression: points in the space of the fit.
+pub(super) struct FitRows<'a> {
+    bases: BasisValues<'a>,
     pub(super) values: Vec<f64>,
     pub(super) weights: Vec<f64>,
     /// The variance of each measurement, 0 where it is unknown.
     pub(super) variances: Vec<f64>,
     pub(super) places: Option<&'a [[f64; 2]]>,
-    pub(super) scale: Scale,
+    pub(super) scale: DepthScale,
 }
 
-impl<'a> Points<'a> {
+impl<'a> FitPoints<'a> {
     /// Points of equal weight at unknown positions.
     pub fn new(bases: &'a [f32], depths: &'a [f32]) -> Self {
         Self {
-            bases: Bases::Rows(bases),
+            bases: BasisValues::AtPoints(bases),
             guides: 0,
             depths,
             deviations: None,
             places: None,
-            scene: None,
+            geometry: None,
         }
     }
 
-    pub(super) fn rows(&self, space: Space) -> Result<Rows<'a>, FitError> {
+    pub(super) fn rows(&self, space: Space) -> Result<FitRows<'a>, FitError> {
         let count = self.depths.len();
         if count == 0 {
             return Err(FitError::NoObservations {
@@ -91,8 +92,10 @@ impl<'a> Points<'a> {
             self.places.map_or(count, <[_]>::len),
         ];
         let (values, finite) = match self.bases {
-            Bases::Rows(rows) | Bases::Held(rows, _) => (rows.len(), all_finite(rows)),
-            Bases::Functions(functions) => (functions.count() * count, true),
+            BasisValues::AtPoints(rows) | BasisValues::Both(rows, _) => {
+                (rows.len(), all_finite(rows))
+            }
+            BasisValues::Everywhere(functions) => (functions.count() * count, true),
         };
         if !values.is_multiple_of(count) || lengths != [count; 2] {
             return Err(FitError::Shape(format!(
@@ -103,7 +106,7 @@ impl<'a> Points<'a> {
         if !finite || !all_finite(self.depths) {
             return Err(FitError::NotFinite);
         }
-        let scale = Scale::of_points(space, self.depths);
+        let scale = DepthScale::of_points(space, self.depths);
         let values: Vec<f64> = self
             .depths
             .iter()
@@ -116,7 +119,7 @@ impl<'a> Points<'a> {
             None => vec![0.0; count],
             Some(deviations) => variances(self.depths, deviations, scale)?,
         };
-        Ok(Rows {
+        Ok(FitRows {
             bases: self.bases,
             values,
             weights: vec![1.0; count],
@@ -131,7 +134,7 @@ impl<'a> Points<'a> {
 fn variances(
     depths: &[f32],
     deviations: &[Option<f32>],
-    scale: Scale,
+    scale: DepthScale,
 ) -> Result<Vec<f64>, FitError> {
     let variance = |(&depth, &deviation): (&f32, &Option<f32>)| {
         let Some(deviation) = deviation else {
@@ -147,19 +150,21 @@ fn variances(
     depths.iter().zip(deviations).map(variance).collect()
 }
 
-impl Rows<'_> {
+impl FitRows<'_> {
     pub(super) fn columns(&self) -> usize {
         match self.bases {
-            Bases::Rows(rows) | Bases::Held(rows, _) => rows.len() / self.values.len().max(1),
-            Bases::Functions(functions) => functions.count(),
+            BasisValues::AtPoints(rows) | BasisValues::Both(rows, _) => {
+                rows.len() / self.values.len().max(1)
+            }
+            BasisValues::Everywhere(functions) => functions.count(),
         }
     }
 
     /// The basis functions at all points.
     pub(super) fn bases(&self) -> Cow<'_, [f32]> {
         match self.bases {
-            Bases::Rows(rows) | Bases::Held(rows, _) => Cow::Borrowed(rows),
-            Bases::Functions(functions) => {
+            BasisValues::AtPoints(rows) | BasisValues::Both(rows, _) => Cow::Borrowed(rows),
+            BasisValues::Everywhere(functions) => {
                 Cow::Owned(functions.at(self.places.unwrap_or_default()))
             }
         }
@@ -171,12 +176,12 @@ impl Rows<'_> {
     /// Values that are not finite.
     pub(super) fn bases_of(&self, points: &[usize]) -> Result<Vec<f32>, FitError> {
         let rows: Vec<f32> = match self.bases {
-            Bases::Rows(rows) | Bases::Held(rows, _) => {
+            BasisValues::AtPoints(rows) | BasisValues::Both(rows, _) => {
                 let columns = self.columns();
                 let row = |&i: &usize| &rows[i * columns..][..columns];
                 points.iter().map(row).collect::<Vec<_>>().concat()
             }
-            Bases::Functions(functions) => {
+            BasisValues::Everywhere(functions) => {
                 let places = self.places.unwrap_or_default();
                 functions.at(&points.iter().map(|&i| places[i]).collect::<Vec<_>>())
             }
@@ -188,7 +193,7 @@ impl Rows<'_> {
         }
     }
 
-    /// What a relative residual is relative to. Differences of logarithms are relative already.
+    /// The unit of relative residuals. Differences of logarithms are relative already.
     pub(super) fn unit(&self) -> f64 {
         match self.scale.space() {
             Space::Log => 1.0,
@@ -196,22 +201,21 @@ impl Rows<'_> {
         }
     }
 
-    /// Whether what is wrong by a factor is off by more the larger the value is.
+    /// Whether an error by a factor grows with the value.
     pub(super) fn is_proportional(&self) -> bool {
         self.scale.space() != Space::Log
     }
 
-    /// Some points, of which `values` are others than theirs, and no basis functions but one that is 0. `places` are
-    /// those of these points.
-    pub(super) fn alone<'b>(
+    /// Some of the points at their `places`, with other `values` and a basis function that is 0.
+    pub(super) fn with_values<'b>(
         &self,
         points: &[usize],
         places: &'b [[f64; 2]],
         values: &[f64],
         zeros: &'b [f32],
-    ) -> Rows<'b> {
-        Rows {
-            bases: Bases::Rows(zeros),
+    ) -> FitRows<'b> {
+        FitRows {
+            bases: BasisValues::AtPoints(zeros),
             values: points.iter().map(|&i| values[i]).collect(),
             weights: points.iter().map(|&i| self.weights[i]).collect(),
             variances: points.iter().map(|&i| self.variances[i]).collect(),
@@ -220,44 +224,33 @@ impl Rows<'_> {
         }
     }
 
-    /// Basis functions x weights anywhere, unless they are known at the points only.
-    pub(super) fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Option<Vec<f64>> {
+    /// The basis functions, unless they are known at the points only.
+    pub(super) fn everywhere(&self) -> Option<&dyn EvaluateBasis> {
         match self.bases {
-            Bases::Rows(_) => None,
-            Bases::Functions(functions) | Bases::Held(_, functions) => {
-                Some(functions.combine(places, weights))
-            }
-        }
-    }
-
-    /// Whether basis functions are known everywhere, and not at the points only.
-    pub(super) fn are_everywhere(&self) -> bool {
-        !matches!(self.bases, Bases::Rows(_))
-    }
-
-    /// Basis functions x weights at every pixel of a grid (height, width), unless they are known at the points only.
-    pub(super) fn map(&self, grid: (usize, usize), weights: &[f64]) -> Option<Vec<f32>> {
-        match self.bases {
-            Bases::Rows(_) => None,
-            Bases::Functions(functions) | Bases::Held(_, functions) => {
-                Some(functions.map(grid, weights))
-            }
+            BasisValues::AtPoints(_) => None,
+            BasisValues::Everywhere(functions) | BasisValues::Both(_, functions) => Some(functions),
         }
     }
 
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {
         let model = match self.bases {
-            Bases::Rows(rows) | Bases::Held(rows, _) => {
+            BasisValues::AtPoints(rows) | BasisValues::Both(rows, _) => {
                 let rows = rows.chunks_exact(weights.len().max(1));
                 rows.map(|row| dot(row, weights)).collect()
             }
-            Bases::Functions(functions) => {
+            BasisValues::Everywhere(functions) => {
                 functions.combine(self.places.unwrap_or_default(), weights)
             }
         };
         let pairs = self.values.iter().zip(model);
         pairs.map(|(value, model)| value - model).collect()
     }
+}
+
+/// Compares two lists of numbers by their first difference.
+pub(super) fn lexicographic<const N: usize>(a: [f64; N], b: [f64; N]) -> Ordering {
+    let mut pairs = a.iter().zip(&b).map(|(a, b)| a.total_cmp(b));
+    pairs.find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
 }
 
 fn all_finite(values: &[f32]) -> bool {

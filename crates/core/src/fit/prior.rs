@@ -4,12 +4,12 @@
 //! images scaled to a mean depth of 1, and nothing is assumed about the scale s. So the fit stays exactly
 //! scale equivariant, and a single point sets the scale of a plausible map.
 //!
-//! Which weights are likely depends on the image, in ways that no one Gaussian tells. The mean over images of their
-//! weights is the centre of what many points find; but where points tell nothing of an image, depth is predicted best by
+//! Which weights are likely depends on the image, in ways that no single Gaussian describes. The mean over images of their
+//! weights is the centre of the fits to many points; but with next to no points, depth is predicted best by
 //! the weights of the regression over the pixels of all images. So m moves from these, for a single point, to the mean.
 
 use super::lstsq::{Moments, Problem};
-use super::{Points, Space};
+use super::{FitPoints, Space};
 use crate::error::{FitError, WeightsError};
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
@@ -41,19 +41,21 @@ pub struct NoisePrior {
     pub mean: f64,
     /// Standard deviation of ln(lambda); absent if lambda is unknown.
     pub deviation: Option<f64>,
-    /// How many points the prior on the size of u, learned from the training images, counts as much as.
-    pub trust: f64,
+    /// The number of points that the prior on the size of u, learned from the training images, is worth: `trust` in
+    /// weights files.
+    #[serde(rename = "trust")]
+    pub equivalent_points: f64,
 }
 
 impl NoisePrior {
-    /// What the amplitude of u adds to a sum of squares, for a scale s: `trust lambda s^2`.
+    /// What the amplitude of u adds to a sum of squares, for a scale s: `equivalent_points lambda s^2`.
     pub(super) fn expected(self, lambda: f64, scale: f64) -> f64 {
-        self.trust * lambda * scale * scale
+        self.equivalent_points * lambda * scale * scale
     }
 
     /// The variance of the noise from a sum of squares with its penalty and the degrees of freedom.
     pub(super) fn variance(self, penalised: f64, lambda: f64, scale: f64, freedom: f64) -> f64 {
-        let count = freedom + self.trust;
+        let count = freedom + self.equivalent_points;
         if count > 0.0 {
             (penalised + self.expected(lambda, scale)) / count
         } else {
@@ -77,7 +79,7 @@ impl Prior {
             noise: NoisePrior {
                 mean: 0.0,
                 deviation: None,
-                trust: 0.0,
+                equivalent_points: 0.0,
             },
             pooled: None,
         }
@@ -90,11 +92,15 @@ impl Prior {
     pub fn new(mean: &[f32], factor: &[f32], noise: NoisePrior) -> Result<Self, WeightsError> {
         let columns = mean.len();
         let whole = columns > 0 && factor.len().is_multiple_of(columns);
-        let numbers = [noise.mean, noise.deviation.unwrap_or(1.0), noise.trust];
+        let numbers = [
+            noise.mean,
+            noise.deviation.unwrap_or(1.0),
+            noise.equivalent_points,
+        ];
         let finite = mean.iter().chain(factor).all(|v| v.is_finite())
             && numbers.iter().all(|v| v.is_finite())
             && noise.deviation.is_none_or(|d| d > 0.0)
-            && noise.trust >= 0.0;
+            && noise.equivalent_points >= 0.0;
         if !(whole && finite) {
             return Err(WeightsError::Prior("is damaged".to_owned()));
         }
@@ -190,7 +196,7 @@ impl Prior {
     ///
     /// # Errors
     /// Weights of other basis functions, that are not finite, or that are all 0.
-    pub fn about(&self, weights: &[f64], cosines: usize) -> Result<Self, FitError> {
+    pub fn centred_on(&self, weights: &[f64], cosines: usize) -> Result<Self, FitError> {
         let expected = self.columns() + cosines;
         if weights.len() != expected {
             let found = weights.len();
@@ -220,7 +226,7 @@ impl Prior {
                 "a prior over weights needs two images at least",
             ));
         }
-        let columns = images.first().map_or(0, |image| image.0.right.len());
+        let columns = images.first().map_or(0, |image| image.0.rhs.len());
         let singular = |_| FitError::Unsolvable("the prior over weights cannot be learned");
         let mut prior = Self::flat(columns);
         let mut covariance = Mat::<f64>::identity(columns, columns) * faer::Scale(0.1);
@@ -233,9 +239,8 @@ impl Prior {
                     let system = &image.normal * faer::Scale(1.0 / noise) + &precision;
                     let spread = inverse(&system)?;
                     let pull = &precision * column(&prior.mean);
-                    let right =
-                        Mat::from_fn(columns, 1, |i, _| image.right[i] / noise + pull[(i, 0)]);
-                    let weights = &spread * right;
+                    let rhs = Mat::from_fn(columns, 1, |i, _| image.rhs[i] / noise + pull[(i, 0)]);
+                    let weights = &spread * rhs;
                     Ok((weights.col(0).iter().copied().collect(), spread))
                 })
                 .collect::<std::result::Result<_, NotPositive>>()
@@ -280,7 +285,7 @@ impl ImageMoments {
     ///
     /// # Errors
     /// No points, or values that are not finite.
-    pub fn new(points: &Points<'_>) -> Result<Self, FitError> {
+    pub fn new(points: &FitPoints<'_>) -> Result<Self, FitError> {
         let rows = points.rows(Space::Depth)?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
         let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
@@ -294,17 +299,16 @@ fn pooled(images: &[ImageMoments], columns: usize) -> std::result::Result<Vec<f6
     /// Of the mean square of all functions: some may be 0 in all images.
     const RIDGE: f64 = 1e-6;
     let mut normal = Mat::<f64>::zeros(columns, columns);
-    let mut right = vec![0.0; columns];
+    let mut rhs = vec![0.0; columns];
     for ImageMoments(image) in images {
         normal += &image.normal;
-        right
-            .iter_mut()
-            .zip(&image.right)
+        rhs.iter_mut()
+            .zip(&image.rhs)
             .for_each(|(sum, r)| *sum += r);
     }
     let mean = (0..columns).map(|i| normal[(i, i)]).sum::<f64>() / columns.max(1) as f64;
     (0..columns).for_each(|i| normal[(i, i)] += RIDGE * mean);
-    let weights = inverse(&normal)? * column(&right);
+    let weights = inverse(&normal)? * column(&rhs);
     Ok(weights.col(0).iter().copied().collect())
 }
 
@@ -312,7 +316,7 @@ fn pooled(images: &[ImageMoments], columns: usize) -> std::result::Result<Vec<f6
 fn expected_square(image: &Moments, weights: &[f64], spread: &Mat<f64>) -> f64 {
     let mut sum = image.square;
     for (i, w) in weights.iter().enumerate() {
-        sum -= 2.0 * w * image.right[i];
+        sum -= 2.0 * w * image.rhs[i];
         for (j, v) in weights.iter().enumerate() {
             sum += (w * v + spread[(i, j)]) * image.normal[(i, j)];
         }

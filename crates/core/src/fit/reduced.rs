@@ -19,13 +19,13 @@ pub(super) struct Reduced<'a> {
     /// `L^T A^T A m / |A m|^2`.
     overlap: Vec<f64>,
     /// The squared length of all columns of `A L`.
-    pub(super) all: f64,
+    pub(super) trace: f64,
     /// `(P A L)^T P A L`, P projecting away from `A m`.
     pub(super) normal: Mat<f64>,
     /// `(P A L)^T d`.
-    pub(super) right: Vec<f64>,
+    pub(super) rhs: Vec<f64>,
     /// `|P d|^2`.
-    pub(super) rest: f64,
+    pub(super) residual_square: f64,
     /// `|d|^2`: in its unit, scaling depths changes no bit of what lambda is chosen by.
     pub(super) square: f64,
     /// Rows, less the one that the scale takes.
@@ -45,11 +45,11 @@ pub(super) const ROUNDING: f64 = 1e-13;
 
 impl<'a> Reduced<'a> {
     pub(super) fn new(moments: &Moments, prior: &'a Prior) -> Result<Self, Error> {
-        if prior.columns() != moments.right.len() {
+        if prior.columns() != moments.rhs.len() {
             return Err(WeightsError::Prior(format!(
                 "is one of {} functions, not of {}",
                 prior.columns(),
-                moments.right.len()
+                moments.rhs.len()
             ))
             .into());
         }
@@ -59,46 +59,46 @@ impl<'a> Reduced<'a> {
             a.iter().enumerate().map(|(i, a)| a * b[(i, 0)]).sum()
         };
         let mean_square = dot(&prior.mean, &normal_mean);
-        let toward_mean = dot(&moments.right, &mean);
-        // Points where the mean map is zero tell nothing of its scale.
-        let seen = mean_square > f64::MIN_POSITIVE;
-        let over = |x: f64| if seen { x / mean_square } else { 0.0 };
+        let toward_mean = dot(&moments.rhs, &mean);
+        // Points where the mean map is zero do not determine its scale.
+        let is_scale_known = mean_square > f64::MIN_POSITIVE;
+        let over = |x: f64| if is_scale_known { x / mean_square } else { 0.0 };
         let overlap = prior.factor.transpose() * normal_mean;
         let overlap: Vec<f64> = overlap.col(0).iter().map(|&v| over(v)).collect();
-        let right =
-            prior.factor.transpose() * Mat::from_fn(prior.columns(), 1, |i, _| moments.right[i]);
+        let rhs =
+            prior.factor.transpose() * Mat::from_fn(prior.columns(), 1, |i, _| moments.rhs[i]);
         let rank = overlap.len();
         let half = product(moments.normal.as_ref(), prior.factor.as_ref());
         let inner = product(prior.factor.transpose(), half.as_ref());
-        let rest = moments.square - over(toward_mean * toward_mean);
+        let residual_square = moments.square - over(toward_mean * toward_mean);
         Ok(Self {
             prior,
             mean_square,
             scale: over(toward_mean),
-            all: (0..rank).map(|i| inner[(i, i)]).sum(),
+            trace: (0..rank).map(|i| inner[(i, i)]).sum(),
             normal: Mat::from_fn(rank, rank, |i, j| {
                 inner[(i, j)] - overlap[i] * overlap[j] * mean_square
             }),
-            right: (0..rank)
-                .map(|i| right[(i, 0)] - overlap[i] * toward_mean)
+            rhs: (0..rank)
+                .map(|i| rhs[(i, 0)] - overlap[i] * toward_mean)
                 .collect(),
-            rest: if rest > ROUNDING * moments.square {
-                rest
+            residual_square: if residual_square > ROUNDING * moments.square {
+                residual_square
             } else {
                 0.0
             },
             square: moments.square,
-            freedom: moments.count as f64 - f64::from(u8::from(seen)),
+            freedom: moments.count as f64 - f64::from(u8::from(is_scale_known)),
             overlap,
         })
     }
 
     /// Whether the points determine the scale.
-    fn seen(&self) -> bool {
+    fn is_scale_known(&self) -> bool {
         self.mean_square > f64::MIN_POSITIVE
     }
 
-    /// What the prior of the amplitude of u adds, in units of the noise: `trust lambda s^2`.
+    /// What the prior of the amplitude of u adds, in units of the noise: `equivalent_points lambda s^2`.
     pub(super) fn expected(&self, lambda: f64) -> f64 {
         self.prior.noise.expected(lambda, self.scale)
     }
@@ -106,20 +106,20 @@ impl<'a> Reduced<'a> {
     /// The weights as a function of u, `w = m s + map u`, with s where u is 0: L - m overlap^T.
     pub(super) fn map(&self) -> Mat<f64> {
         let prior = self.prior;
-        Mat::from_fn(prior.columns(), self.right.len(), |i, j| {
+        Mat::from_fn(prior.columns(), self.rhs.len(), |i, j| {
             prior.factor[(i, j)] - prior.mean[i] * self.overlap[j]
         })
     }
 
     /// The solution for a lambda that is known: by a Cholesky factor `C C^T` of `normal + lambda`, whose further
-    /// rows are `map C^-T` and `(C^-1 right)^T`. `None` if rounding tells as much as lambda.
+    /// rows are `map C^-T` and `(C^-1 right)^T`. `None` if rounding errors are as large as lambda.
     pub(super) fn solved(&self, lambda: f64) -> Option<Shrunk> {
         /// Lambda is this many times above what rounding leaves of directions that the points do not see.
         const ABOVE: f64 = 1e4;
-        if lambda.is_nan() || lambda <= ABOVE * ROUNDING * self.all {
+        if lambda.is_nan() || lambda <= ABOVE * ROUNDING * self.trace {
             return None;
         }
-        let (rank, columns) = (self.right.len(), self.prior.columns());
+        let (rank, columns) = (self.rhs.len(), self.prior.columns());
         let map = self.map();
         let rows = rank + (columns + 1).next_multiple_of(PAD);
         let mut panel = vec![0.0; rows * rank];
@@ -128,7 +128,7 @@ impl<'a> Reduced<'a> {
             own.copy_from_slice(self.normal.col_as_slice(j));
             own[j] += lambda;
             below[..columns].copy_from_slice(map.col_as_slice(j));
-            below[columns] = self.right[j];
+            below[columns] = self.rhs[j];
         }
         let (found, determined) = join(
             || factorise(Level::here(), &mut panel, rank, &mut []),
@@ -147,7 +147,7 @@ impl<'a> Reduced<'a> {
     /// `normal - lambda`, which are as many as those of the blocks of any of its symmetric factorisations
     /// (Sylvester's law of inertia).
     fn determined(&self, lambda: f64) -> usize {
-        let rank = self.right.len();
+        let rank = self.rhs.len();
         let mut shifted = self.normal.clone();
         (0..rank).for_each(|i| shifted[(i, i)] -= lambda);
         let blocks = shifted.lblt(Side::Lower);
@@ -188,20 +188,24 @@ impl<'a> Reduced<'a> {
             let pairs = weights.iter_mut().zip(column.iter());
             pairs.for_each(|(w, value)| *w += value * u);
         }
-        let (rank, seen) = (along.len(), self.seen());
-        let factor = Mat::from_fn(prior.columns(), rank + usize::from(seen), |i, j| {
-            if j < rank {
-                factor[(i, j)]
-            } else {
-                prior.mean[i] / self.mean_square.sqrt()
-            }
-        });
+        let (rank, is_scale_known) = (along.len(), self.is_scale_known());
+        let factor = Mat::from_fn(
+            prior.columns(),
+            rank + usize::from(is_scale_known),
+            |i, j| {
+                if j < rank {
+                    factor[(i, j)]
+                } else {
+                    prior.mean[i] / self.mean_square.sqrt()
+                }
+            },
+        );
         let met: f64 = along.iter().map(|value| value * value).sum();
-        let penalised = (self.rest - met).max(0.0);
+        let penalised = (self.residual_square - met).max(0.0);
         Shrunk {
             solution: Solution {
                 weights,
-                rank: determined + usize::from(seen),
+                rank: determined + usize::from(is_scale_known),
                 factor,
             },
             noise: (prior.noise).variance(penalised, lambda, self.scale, self.freedom),

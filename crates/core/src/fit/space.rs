@@ -62,13 +62,13 @@ impl Space {
 /// Logarithms are those of depths in units of the points' geometric mean: a scaled scene has the same values, whatever the basis
 /// functions are. Without that, only a constant among them would make the fit scale equivariant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scale {
+pub struct DepthScale {
     space: Space,
     /// Metres.
     unit: f64,
 }
 
-impl Scale {
+impl DepthScale {
     /// That of points with these depths, in metres.
     pub fn of_points(space: Space, depths: &[f32]) -> Self {
         let unit = match space {
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn logarithms_of_a_scaled_scene_are_the_same() {
-        let scale = |factor: f32| Scale::of_points(Space::Log, &[2.0 * factor, 8.0 * factor]);
+        let scale = |factor: f32| DepthScale::of_points(Space::Log, &[2.0 * factor, 8.0 * factor]);
         // The geometric mean of 2 and 8 is 4.
         assert!((scale(1.0).of(8.0) - 2.0_f64.ln()).abs() < 1e-12);
         for factor in [0.1, 3.7, 10.0] {

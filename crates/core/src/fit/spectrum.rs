@@ -1,5 +1,4 @@
-//! The directions in which the points say something of the weights, for a strength of the prior that is chosen by
-//! them.
+//! The directions of the weights that the points determine, for a strength of the prior that is chosen by the points.
 
 use super::lambda::Lambda;
 use super::reduced::{ROUNDING, Reduced, Shrunk};
@@ -26,13 +25,13 @@ impl<'a> Spectrum<'a> {
         let directions = eigen.U().to_owned();
         let mut squares: Vec<f64> = eigen.S().column_vector().iter().copied().collect();
         let along = directions.col_iter().map(|direction| {
-            let pairs = direction.iter().zip(&reduced.right);
+            let pairs = direction.iter().zip(&reduced.rhs);
             pairs.map(|(a, b)| a * b).sum()
         });
         let mut along: Vec<f64> = along.collect();
-        // What rounding leaves of directions that the points do not see.
+        // Rounding errors in directions that the points do not determine.
         for (square, along) in squares.iter_mut().zip(&mut along) {
-            if *square <= ROUNDING * reduced.all {
+            if *square <= ROUNDING * reduced.trace {
                 (*square, *along) = (0.0, 0.0);
             }
         }
@@ -48,7 +47,7 @@ impl<'a> Spectrum<'a> {
     fn penalised(&self, lambda: f64) -> f64 {
         let pairs = self.along.iter().zip(&self.squares);
         let met: f64 = pairs.map(|(c, g)| c * c / (g + lambda)).sum();
-        (self.reduced.rest - met).max(0.0)
+        (self.reduced.residual_square - met).max(0.0)
     }
 
     /// -2 ln p(depths | lambda) - 2 ln p(lambda), up to a constant: scale and noise integrated out
@@ -56,10 +55,10 @@ impl<'a> Spectrum<'a> {
     pub(super) fn neg_log_likelihood(&self, lambda: f64) -> f64 {
         let volume: f64 = self.squares.iter().map(|g| (1.0 + g / lambda).ln()).sum();
         let noise = &self.reduced.prior.noise;
-        let count = self.reduced.freedom + noise.trust;
+        let count = self.reduced.freedom + noise.equivalent_points;
         let total = self.penalised(lambda) + self.reduced.expected(lambda);
         let misfit = if total > 0.0 {
-            count * (total / self.reduced.square).ln() - noise.trust * lambda.ln()
+            count * (total / self.reduced.square).ln() - noise.equivalent_points * lambda.ln()
         } else {
             0.0
         };
@@ -72,7 +71,7 @@ impl<'a> Spectrum<'a> {
     /// The mean squared residual over the squared share of freedom that is left.
     fn cross_validation(&self, lambda: f64) -> f64 {
         let triples = self.squares.iter().zip(&self.along);
-        let (mut residual, mut freedom) = (self.reduced.rest, self.reduced.freedom);
+        let (mut residual, mut freedom) = (self.reduced.residual_square, self.reduced.freedom);
         for (g, c) in triples {
             residual -= c * c * (g + 2.0 * lambda) / (g + lambda).powi(2);
             freedom -= g / (g + lambda);
@@ -95,7 +94,7 @@ impl<'a> Spectrum<'a> {
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         let expected = self.reduced.prior.noise.mean;
         let largest = self.squares.iter().fold(0.0, |m: f64, &g| m.max(g));
-        if largest <= 0.0 || self.reduced.rest <= 0.0 {
+        if largest <= 0.0 || self.reduced.residual_square <= 0.0 {
             return expected.exp();
         }
         let at = |x: f64| cost(x.exp());
@@ -145,7 +144,7 @@ mod tests {
         let noise = NoisePrior {
             mean: -3.0,
             deviation: Some(1.0),
-            trust: 5.0,
+            equivalent_points: 5.0,
         };
         let prior = Prior::new(&normals(COLUMNS), &normals(COLUMNS * RANK), noise).unwrap();
         let problem = Problem::new(&bases, &depths, &vec![1.0; points]);

@@ -2,7 +2,7 @@
 
 use super::lstsq::Problem;
 use super::prior::{ImageMoments, NoisePrior, Prior};
-use super::{Fit, FitConfig, Lambda, Points, PriorKind, Robust, Space, fit};
+use super::{Fit, FitConfig, FitPoints, Lambda, PriorKind, Robust, Space, fit};
 use faer::linalg::solvers::{DenseSolveCore as _, Solve as _, SolveLstsq as _};
 use faer::{Mat, Side};
 use lsdc_rng::Rng;
@@ -20,7 +20,7 @@ fn prior(k: usize, r: usize, noise: NoisePrior) -> Prior {
 const UNKNOWN: NoisePrior = NoisePrior {
     mean: -1.0,
     deviation: None,
-    trust: 0.0,
+    equivalent_points: 0.0,
 };
 
 fn learned(lambda: Lambda) -> FitConfig {
@@ -86,7 +86,7 @@ fn a_prior_fit_is_the_mean_of_the_gaussian_posterior() {
     for n in [1, 2, 5, 40] {
         let (bases, depths) = scene(&prior, n, 0.1, n as u64);
         for lambda in [1e-2, 0.3] {
-            let points = Points::new(&bases, &depths);
+            let points = FitPoints::new(&bases, &depths);
             let fit = fit(&points, &learned(Lambda::Fixed(lambda)), Some(&prior)).unwrap();
             close(
                 &fit.weights,
@@ -103,7 +103,7 @@ fn a_single_point_scales_the_mean_map() {
     // Values whose products are rounded.
     let bases = [1.0, 0.3, -0.2, 0.5, 2.0, -1.0];
     for lambda in [Lambda::Evidence, Lambda::Gcv, Lambda::Fixed(1e-9)] {
-        let points = Points::new(&bases, &[2.5]);
+        let points = FitPoints::new(&bases, &[2.5]);
         let fit = fit(&points, &learned(lambda), Some(&prior)).unwrap();
         let pairs = prior.mean.iter().zip(&bases);
         let at: f64 = pairs.map(|(m, f)| m * f64::from(*f)).sum();
@@ -120,7 +120,7 @@ fn the_centre_of_a_prior_moves_with_the_number_of_points() {
     assert_eq!(both.pooled(), Some(pooled.clone()));
     let found = |n: usize, prior: &Prior| {
         let (bases, depths) = scene(&plain, n, 0.1, n as u64);
-        let points = Points::new(&bases, &depths);
+        let points = FitPoints::new(&bases, &depths);
         let fit = fit(&points, &learned(Lambda::Fixed(0.3)), Some(prior)).unwrap();
         (fit.weights, bases, depths)
     };
@@ -140,7 +140,9 @@ fn the_centre_of_a_prior_moves_with_the_number_of_points() {
     close(&weights, &generalised(&between, &bases, &depths, 0.3), 1e-5);
     assert_eq!(found(50, &both).0, found(50, &plain).0);
     // Nothing of it is left where a fit gives the centre.
-    let about = both.about(&[2.0, 1.0, 0.0, -1.0, 0.5, 0.25], 0).unwrap();
+    let about = both
+        .centred_on(&[2.0, 1.0, 0.0, -1.0, 0.5, 0.25], 0)
+        .unwrap();
     assert_eq!(about.pooled(), None);
 
     let refused = |weights: &[f32]| plain.clone().with_pooled(weights).is_err();
@@ -153,7 +155,7 @@ fn scaling_depths_scales_every_fit() {
     let known = NoisePrior {
         mean: -3.0,
         deviation: Some(0.5),
-        trust: 5.0,
+        equivalent_points: 5.0,
     };
     let prior = prior(6, 4, known).with_pooled(&[0.5; 6]).unwrap();
     let configs = [
@@ -175,7 +177,7 @@ fn scaling_depths_scales_every_fit() {
         for config in &configs {
             let weights = |factor: f32| {
                 let depths: Vec<f32> = depths.iter().map(|d| d * factor).collect();
-                fit(&Points::new(&bases, &depths), config, Some(&prior))
+                fit(&FitPoints::new(&bases, &depths), config, Some(&prior))
                     .unwrap()
                     .weights
             };
@@ -212,7 +214,7 @@ fn the_evidence_is_the_likelihood_of_the_depths() {
         (n - 1) as f64 * square.ln() + 2.0 * volume
     };
     let found = fit(
-        &Points::new(&bases, &depths),
+        &FitPoints::new(&bases, &depths),
         &learned(Lambda::Evidence),
         Some(&prior),
     );
@@ -231,7 +233,7 @@ fn evidence_and_cross_validation_find_the_noise() {
         let mut sum = 0.0;
         for seed in 0..40 {
             let (bases, depths) = scene(&prior, 60, 0.1, seed);
-            let points = Points::new(&bases, &depths);
+            let points = FitPoints::new(&bases, &depths);
             let fit = fit(&points, &learned(lambda), Some(&prior)).unwrap();
             sum += fit.noise.sqrt() / 40.0;
         }
@@ -245,12 +247,12 @@ fn the_noise_is_known_beforehand_where_points_are_few() {
     let known = NoisePrior {
         mean: (0.01_f64).ln(),
         deviation: Some(0.1),
-        trust: 5.0,
+        equivalent_points: 5.0,
     };
     let prior = prior(6, 4, known);
     let (bases, depths) = scene(&prior, 2, 0.1, 5);
     let fit = fit(
-        &Points::new(&bases, &depths),
+        &FitPoints::new(&bases, &depths),
         &learned(Lambda::Evidence),
         Some(&prior),
     )
@@ -274,7 +276,7 @@ fn lambda_follows_the_number_of_points() {
         (99, 0.4),
     ] {
         let (bases, depths) = scene(&prior, points, 0.2, 2);
-        let points = Points::new(&bases, &depths);
+        let points = FitPoints::new(&bases, &depths);
         let found = fit(&points, &config, Some(&prior)).unwrap();
         assert!((found.lambda.unwrap() / expected - 1.0).abs() < 1e-12);
         let fixed = fit(&points, &learned(Lambda::Fixed(expected)), Some(&prior)).unwrap();
@@ -293,13 +295,13 @@ fn leverages_and_left_out_residuals_are_those_of_fits_without_the_point() {
     let prior = prior(6, 4, UNKNOWN);
     let (bases, depths) = scene(&prior, 15, 0.2, 2);
     let config = learned(Lambda::Fixed(0.05));
-    let whole = fit(&Points::new(&bases, &depths), &config, Some(&prior)).unwrap();
+    let whole = fit(&FitPoints::new(&bases, &depths), &config, Some(&prior)).unwrap();
     let found = whole.leave_one_out(&whole.leverages(&bases));
     for (i, found) in found.iter().enumerate() {
         let (mut bases, mut depths) = (bases.clone(), depths.clone());
         let row: Vec<f32> = bases.drain(i * 6..(i + 1) * 6).collect();
         let depth = depths.remove(i);
-        let other = fit(&Points::new(&bases, &depths), &config, Some(&prior)).unwrap();
+        let other = fit(&FitPoints::new(&bases, &depths), &config, Some(&prior)).unwrap();
         let fitted: f64 = row
             .iter()
             .zip(&other.weights)
@@ -316,7 +318,7 @@ fn variances_are_those_of_the_posterior() {
     let prior = prior(5, 5, UNKNOWN);
     let (bases, depths) = scene(&prior, 9, 0.2, 4);
     let found = fit(
-        &Points::new(&bases, &depths),
+        &FitPoints::new(&bases, &depths),
         &learned(Lambda::Fixed(0.2)),
         Some(&prior),
     )
@@ -365,7 +367,7 @@ fn a_prior_is_learned_from_images() {
             let mean = depths.iter().sum::<f32>() / depths.len() as f32;
             all.0.extend(bases.iter().map(|&f| f64::from(f)));
             all.1.extend(depths.iter().map(|d| f64::from(d / mean)));
-            ImageMoments::new(&Points::new(&bases, &depths)).unwrap()
+            ImageMoments::new(&FitPoints::new(&bases, &depths)).unwrap()
         })
         .collect();
     let prior = Prior::learn(&images).unwrap();
@@ -399,7 +401,7 @@ fn numbers_of_a_prior_come_back_and_damaged_ones_are_refused() {
     assert!(Prior::new(&[], &[], UNKNOWN).is_err());
     let (bases, depths) = scene(&prior, 3, 0.1, 0);
     let error = fit(
-        &Points::new(&bases, &depths),
+        &FitPoints::new(&bases, &depths),
         &learned(Lambda::Evidence),
         None,
     )
@@ -407,7 +409,7 @@ fn numbers_of_a_prior_come_back_and_damaged_ones_are_refused() {
     assert!(error.to_string().contains("no prior"), "{error}");
     assert!(
         fit(
-            &Points::new(&bases[..6], &depths),
+            &FitPoints::new(&bases[..6], &depths),
             &learned(Lambda::Evidence),
             Some(&prior)
         )
@@ -429,7 +431,7 @@ fn a_constant_is_fitted_in_every_space_by_its_mean() {
             space,
             ..FitConfig::default()
         };
-        let fit = fit(&Points::new(&bases, &depths), &config, None).unwrap();
+        let fit = fit(&FitPoints::new(&bases, &depths), &config, None).unwrap();
         assert!(
             (fit.scale.depth(fit.weights[0]) - mean).abs() < 1e-6,
             "{space:?}"
@@ -446,9 +448,9 @@ fn a_constant_is_fitted_in_every_space_by_its_mean() {
 /// The mean of 1 +- 0.5 and 1.1 +- 1, which agree as closely as their deviations say: (4 + 1.1) / 5.
 #[test]
 fn points_that_agree_within_their_deviations_are_weighted_by_them() {
-    let points = Points {
+    let points = FitPoints {
         deviations: Some(&[Some(0.5), Some(1.0)]),
-        ..Points::new(&[1.0, 1.0], &[1.0, 1.1])
+        ..FitPoints::new(&[1.0, 1.0], &[1.0, 1.1])
     };
     let found = fit(&points, &FitConfig::default(), None).unwrap();
     assert!(
@@ -456,7 +458,7 @@ fn points_that_agree_within_their_deviations_are_weighted_by_them() {
         "{}",
         found.weights[0]
     );
-    let wrong = Points {
+    let wrong = FitPoints {
         deviations: Some(&[Some(0.1), Some(0.0)]),
         ..points
     };
@@ -469,9 +471,9 @@ fn points_that_agree_within_their_deviations_are_weighted_by_them() {
 fn what_deviations_do_not_explain_is_left_to_the_model() {
     let depths = [1.0, 3.0, 2.0, 5.0, 4.0];
     let sigmas = [0.1, 1.0, 0.5, 2.0, 0.2];
-    let points = Points {
+    let points = FitPoints {
         deviations: Some(&sigmas.map(Some)),
-        ..Points::new(&[1.0; 5], &depths)
+        ..FitPoints::new(&[1.0; 5], &depths)
     };
     let found = fit(&points, &FitConfig::default(), None).unwrap();
     let square = found.noise();
@@ -566,7 +568,7 @@ fn ten_thousand_problems_have_finite_answers() {
                 ..FitConfig::default()
             },
         };
-        let fit = fit(&Points::new(&bases, &depths), &config, None);
+        let fit = fit(&FitPoints::new(&bases, &depths), &config, None);
         let fit = fit.unwrap_or_else(|e| panic!("problem {seed}: {e}"));
         assert!(finite(&fit, &bases), "problem {seed}");
         let k = bases.len() / depths.len();

@@ -1,10 +1,10 @@
-//! The affinity network, layer by layer. It tells depth edges from colour edges, with an encoder down to a
+//! The affinity network, layer by layer. It distinguishes depth edges from colour edges, with an encoder down to a
 //! sixteenth of the resolution and a decoder back to full resolution.
 
 use super::config::{CHANGES, NetworkConfig};
 use super::map::Map;
-use super::run::Run;
 use super::tensors::Tensors;
+use super::workspace::Workspace;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::{ConvSpec, Layer};
 
@@ -66,34 +66,25 @@ impl AffinityNet {
         })
     }
 
-    /// How affinities differ from those given by the colours, `[height, width, CHANGES]`.
-    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> Map {
-        let next = |x: Map, layer: &Layer| {
-            let output = run.layer(layer, &x, None, true);
-            run.pool.give(x);
-            output
-        };
+    /// The changes of the affinities that follow from the colours, `[height, width, CHANGES]`.
+    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, workspace: &Workspace) -> Map {
         let mut levels: Vec<Map> = Vec::new();
         for [first, second] in &self.down {
-            let x = run.layer(first, levels.last().unwrap_or(image), None, true);
-            levels.push(next(x, second));
+            let x = workspace.layer(first, levels.last().unwrap_or(image), None, true);
+            levels.push(workspace.layer(second, &x, None, true));
         }
         let mut lowest = levels.pop().unwrap_or_default();
         if let (Some(layer), Some(map)) = (&self.encoded, encoded) {
-            let more = run.layer(layer, map, None, false);
-            lowest.add_enlarged(&more);
-            run.pool.give(more);
+            lowest.add_enlarged(&workspace.layer(layer, map, None, false));
         }
         let pairs = self.up.iter().zip(levels.into_iter().rev());
-        let x = pairs.fold(lowest, |x, (rise, mut level)| {
-            let narrow = run.layer(&rise.narrow, &x, None, false);
-            run.pool.give(x);
+        let x = pairs.fold(lowest, |x, (block, mut level)| {
+            let narrow = workspace.layer(&block.narrow, &x, None, false);
+            drop(x);
             level.add_enlarged(&narrow);
-            run.pool.give(narrow);
-            rise.mix.iter().fold(level, next)
+            drop(narrow);
+            workspace.layers(&block.mix, level)
         });
-        let changes = run.layer(&self.last, &x, None, false);
-        run.pool.give(x);
-        changes
+        workspace.layer(&self.last, &x, None, false)
     }
 }

@@ -1,10 +1,10 @@
 //! `EfficientNet`-Lite0 without its classifier (Tan and Le 2019; "Lite": no squeeze and excitation, ReLU), which was trained
-//! on photographs of a thousand kinds of things: it knows what parts of an image are.
+//! to classify photographs.
 
 use super::config::BackboneConfig;
 use super::map::Map;
-use super::run::Run;
 use super::tensors::Tensors;
+use super::workspace::Workspace;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::{ConvSpec, Layer};
 
@@ -53,8 +53,8 @@ impl InvertedBlock {
 }
 
 impl BackboneConfig {
-    /// The most stages that there are.
-    pub const MOST: usize = STAGES.len();
+    /// The number of all stages.
+    pub const MAX_STAGES: usize = STAGES.len();
 
     /// The blocks of all stages that are used.
     pub fn blocks(self) -> Vec<InvertedBlock> {
@@ -131,33 +131,28 @@ impl Backbone {
         })
     }
 
-    /// What is read of the stages, the finest first.
-    pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Vec<Map> {
-        let mut x = run.layer(&self.stem, image, None, true);
+    /// The outputs that are read, the finest first.
+    pub(super) fn forward(&self, image: &Map, workspace: &Workspace) -> Vec<Map> {
+        let mut x = workspace.layer(&self.stem, image, None, true);
         let mut maps = Vec::new();
         for block in &self.blocks {
-            x = block.forward(x, run);
+            x = block.forward(&x, workspace);
             if block.config.read {
-                maps.push(x.copied(run.pool));
+                maps.push(x.copied());
             }
         }
-        run.pool.give(x);
         maps
     }
 }
 
 impl Inverted {
-    fn forward(&self, x: Map, run: Run<'_>) -> Map {
-        let pool = run.pool;
+    fn forward(&self, x: &Map, workspace: &Workspace) -> Map {
         let expanded = self.expand.as_ref();
-        let expanded = expanded.map(|layer| run.layer(layer, &x, None, true));
-        let inner = run.layer(&self.depthwise, expanded.as_ref().unwrap_or(&x), None, true);
-        let skip = self.config.adds().then_some(&x);
-        let output = run.layer(&self.project, &inner, skip, false);
-        for map in expanded.into_iter().chain([inner, x]) {
-            pool.give(map);
-        }
-        output
+        let expanded = expanded.map(|layer| workspace.layer(layer, x, None, true));
+        let expanded = expanded.as_ref().unwrap_or(x);
+        let inner = workspace.layer(&self.depthwise, expanded, None, true);
+        let skip = self.config.adds().then_some(x);
+        workspace.layer(&self.project, &inner, skip, false)
     }
 }
 

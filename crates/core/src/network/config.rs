@@ -43,14 +43,18 @@ pub struct StageConfig {
     pub blocks: usize,
 }
 
-/// How much of a pretrained `EfficientNet`-Lite0 sees the image beside the extractor.
+fn stage(width: usize, blocks: usize) -> StageConfig {
+    StageConfig { width, blocks }
+}
+
+/// A pretrained `EfficientNet`-Lite0 beside the extractor, of which some stages are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BackboneConfig {
     /// Number of its seven stages, from the first on: 2 end at a quarter of the image's resolution, 3 at an eighth, 5 at
     /// a 16th, 7 at a 32nd.
     pub stages: usize,
-    /// Channels of the pyramid that brings what they see at each resolution together, at a quarter of the image's.
+    /// Channels of the feature pyramid that merges the resolutions, at a quarter of the image's.
     pub decoder: usize,
 }
 
@@ -83,8 +87,8 @@ pub struct ExtractorConfig {
     /// Stages after the fourth, each at half the resolution of the one before it, from an eighth of the image's down:
     /// their outputs are enlarged and added to the features, which see more of the image that way.
     pub context: Vec<StageConfig>,
-    /// Stages of a pretrained network that see the image too, are trained on, add to the features, and predict the map
-    /// of depth if the network has one (`mean`); absent: none.
+    /// Stages of a pretrained network, which training continues: their output is added to the features, and predicts the
+    /// map of depth if the network has one (`mean`); absent: none.
     // Not in files without them: earlier versions do not know the name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub backbone: Option<BackboneConfig>,
@@ -107,7 +111,6 @@ impl Default for ExtractorConfig {
 impl ExtractorConfig {
     /// PSMNet's sizes: 3,339,552 parameters.
     pub fn psmnet() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
         Self {
             stem: 32,
             stages: [stage(32, 3), stage(64, 16), stage(128, 3), stage(128, 3)],
@@ -131,24 +134,19 @@ impl ExtractorConfig {
 
     /// Half the widths and two fifths of the blocks, with twice as many features, which are sharpened.
     pub fn slim() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
         Self {
             stem: 16,
             stages: [stage(16, 2), stage(32, 6), stage(64, 2), stage(64, 1)],
-            pools: vec![32, 16, 8, 4],
             branch: 16,
             merge: 64,
             features: 64,
-            context: vec![],
-            backbone: None,
             sharpening: 2,
-            encoder: 0,
+            ..Self::psmnet()
         }
     }
 
     /// Half the widths of `slim`.
     pub fn slimmer() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
         Self {
             stem: 8,
             stages: [stage(8, 2), stage(16, 6), stage(32, 2), stage(32, 1)],
@@ -159,37 +157,28 @@ impl ExtractorConfig {
         }
     }
 
-    /// The same with three stages of these widths and numbers of blocks at lower resolutions.
-    fn with_context(self, widths: [usize; 3], blocks: [usize; 3]) -> Self {
-        let stages = widths.into_iter().zip(blocks);
-        let context = stages.map(|(width, blocks)| StageConfig { width, blocks });
-        Self {
-            context: context.collect(),
-            ..self
-        }
-    }
-
     fn check(&self) -> Result<(), SettingsError> {
         let widths = self.widths();
         let channels = |v: &usize| (1..=MOST_CHANNELS).contains(v);
         let blocks = |v: usize| (1..=MOST_BLOCKS).contains(&v);
-        let sound = widths.iter().chain(&self.pools).all(channels)
+        let valid = widths.iter().chain(&self.pools).all(channels)
             && channels(&self.features)
             && self.all_stages().all(|stage| blocks(stage.blocks))
             && self.context.len() <= MOST_BLOCKS
             && self.pools.len() <= MOST_BLOCKS
             && self.backbone.is_none_or(|backbone| {
-                (2..=BackboneConfig::MOST).contains(&backbone.stages) && channels(&backbone.decoder)
+                (2..=BackboneConfig::MAX_STAGES).contains(&backbone.stages)
+                    && channels(&backbone.decoder)
             })
             && self.sharpening <= MOST_BLOCKS
             && self.encoder <= MOST_CHANNELS;
-        if sound {
+        if valid {
             return Ok(());
         }
         Err(SettingsError::new(format!(
             "widths and pools of the extractor must be from 1 to {MOST_CHANNELS}, numbers of blocks from \
              1 to {MOST_BLOCKS}, stages of the backbone from 2 to {}",
-            BackboneConfig::MOST
+            BackboneConfig::MAX_STAGES
         )))
     }
 
@@ -335,7 +324,10 @@ impl NetworkConfig {
     /// depth: 3.3 M parameters.
     pub fn taught() -> Self {
         Self {
-            extractor: ExtractorConfig::slim().with_context([96, 128, 192], [1, 2, 2]),
+            extractor: ExtractorConfig {
+                context: vec![stage(96, 1), stage(128, 2), stage(192, 2)],
+                ..ExtractorConfig::slim()
+            },
             mean: true,
             ..Self::sharp()
         }
@@ -347,7 +339,8 @@ impl NetworkConfig {
         Self {
             extractor: ExtractorConfig {
                 backbone: Some(BackboneConfig::default()),
-                ..ExtractorConfig::slim().with_context([96, 128, 192], [1, 2, 1])
+                context: vec![stage(96, 1), stage(128, 2), stage(192, 1)],
+                ..ExtractorConfig::slim()
             },
             mean: true,
             ..Self::sharp()

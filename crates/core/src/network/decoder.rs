@@ -1,13 +1,13 @@
-//! From what a backbone sees at each resolution to one map at a quarter of the image's: a feature pyramid (Lin et al. 2017).
+//! A feature pyramid (Lin et al. 2017): from a backbone's maps at each resolution to one at a quarter of the image's.
 
 use super::config::BackboneConfig;
 use super::map::Map;
-use super::run::Run;
 use super::tensors::Tensors;
+use super::workspace::Workspace;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::{ConvSpec, Layer};
 
-/// The pyramid, and what its last level is read by.
+/// The pyramid, and the layers that read its finest level.
 #[derive(Debug)]
 pub(super) struct Decoder {
     /// The finest first.
@@ -50,19 +50,16 @@ impl Decoder {
     }
 
     /// The last level from the outputs of the backbone, the finest first.
-    pub(super) fn forward(&self, maps: Vec<Map>, run: Run<'_>) -> Map {
-        let pool = run.pool;
-        let mut before: Option<Map> = None;
+    pub(super) fn forward(&self, maps: Vec<Map>, workspace: &Workspace) -> Map {
+        let mut coarser: Option<Map> = None;
         for (map, level) in maps.into_iter().zip(&self.levels).rev() {
-            let mut x = run.layer(&level.lateral, &map, None, false);
-            pool.give(map);
-            if let Some(before) = before.take() {
-                x.add_enlarged(&before);
-                pool.give(before);
+            let mut x = workspace.layer(&level.lateral, &map, None, false);
+            drop(map);
+            if let Some(coarser) = coarser.take() {
+                x.add_enlarged(&coarser);
             }
-            before = Some(run.layer(&level.mix, &x, None, true));
-            pool.give(x);
+            coarser = Some(workspace.layer(&level.mix, &x, None, true));
         }
-        before.unwrap_or_default()
+        coarser.unwrap_or_default()
     }
 }

@@ -3,9 +3,9 @@
 use super::backbone::Backbone;
 use super::config::{ExtractorConfig, StageConfig};
 use super::decoder::Decoder;
-use super::map::{Map, Pool};
-use super::run::Run;
+use super::map::Map;
 use super::tensors::Tensors;
+use super::workspace::Workspace;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::{ConvSpec, Layer};
 use lsdc_kernels::schedule::InTasks;
@@ -35,7 +35,7 @@ pub(super) struct Extractor {
 pub(super) struct ExtractorOutput {
     /// At a quarter of the image's resolution, or at half of it if they are sharpened.
     pub(super) features: Map,
-    /// The logarithm of the map of depth that a backbone suggests, at the same resolution.
+    /// The logarithm of the map of depth that a backbone predicts, at the same resolution.
     pub(super) logarithm: Option<Map>,
 }
 
@@ -90,28 +90,23 @@ impl Block {
         };
         (0..config.blocks).map(block).collect()
     }
-}
 
-impl Run<'_> {
-    fn block(self, block: &Block, x: Map) -> Map {
-        let inner = self.layer(&block.first, &x, None, true);
-        let shortcut = match &block.shortcut {
+    fn forward(&self, x: Map, workspace: &Workspace) -> Map {
+        let inner = workspace.layer(&self.first, &x, None, true);
+        let shortcut = match &self.shortcut {
             None => x,
             Some(layer) => {
-                let shortcut = self.layer(layer, &x, None, false);
-                self.pool.give(x);
+                let shortcut = workspace.layer(layer, &x, None, false);
+                drop(x);
                 shortcut
             }
         };
-        let output = self.layer(&block.second, &inner, Some(&shortcut), false);
-        self.pool.give(inner);
-        self.pool.give(shortcut);
-        output
+        workspace.layer(&self.second, &inner, Some(&shortcut), false)
     }
 }
 
 impl Extractor {
-    /// `channels` are those of the encoder's features, if there is an encoder; `mean` is whether the network suggests a
+    /// `channels` are those of the encoder's features, if there is an encoder; `mean` is whether the network predicts a
     /// map of depth.
     pub(super) fn new(
         config: &ExtractorConfig,
@@ -122,15 +117,14 @@ impl Extractor {
         let (plain, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
         let (halving, dilated) = (ConvSpec::halving(), ConvSpec::same(2));
         let [first, second, third, fourth] = config.stages;
-        let stem = |(i, from, spec): (usize, usize, ConvSpec)| {
+        let stem = |i: usize| {
             let name = format!("extractor.stem.{i}");
+            let (from, spec) = match i {
+                0 => (3, halving),
+                _ => (config.stem, plain),
+            };
             tensors.conv_norm(&name, [config.stem, from, 3], spec)
         };
-        let stems = [
-            (0, 3, halving),
-            (1, config.stem, plain),
-            (2, config.stem, plain),
-        ];
         let mut skip = Block::stage(tensors, "wide", second.width, third, plain, plain)?;
         skip.extend(Block::stage(
             tensors,
@@ -145,11 +139,10 @@ impl Extractor {
             let sizes = [config.branch, fourth.width, 1];
             Ok((pool, tensors.conv_norm(&name, sizes, pointwise)?))
         };
+        let branches = config.pools.iter().enumerate().map(branch);
         let encoded = |channels: usize| {
-            let (name, width) = (
-                |part: &str| format!("extractor.encoded.{part}"),
-                config.encoder,
-            );
+            let name = |part: &str| format!("extractor.encoded.{part}");
+            let width = config.encoder;
             Ok::<_, WeightsError>(vec![
                 tensors.conv_norm(&name("reduce"), [width, channels, 1], pointwise)?,
                 tensors.conv_norm(&name("mix"), [width, width, 3], plain)?,
@@ -170,16 +163,11 @@ impl Extractor {
             ))
         });
         Ok(Self {
-            stem: stems.into_iter().map(stem).collect::<Result<_, _>>()?,
+            stem: (0..3).map(stem).collect::<Result<_, _>>()?,
             half: Block::stage(tensors, "half", config.stem, first, plain, plain)?,
             quarter: Block::stage(tensors, "quarter", first.width, second, halving, plain)?,
             skip,
-            branches: config
-                .pools
-                .iter()
-                .enumerate()
-                .map(branch)
-                .collect::<Result<_, _>>()?,
+            branches: branches.collect::<Result<_, WeightsError>>()?,
             encoded: channels.map(encoded).transpose()?.unwrap_or_default(),
             merge: tensors.conv_norm("extractor.merge", [config.merge, merged, 3], plain)?,
             project: tensors.conv("extractor.project", project, pointwise)?,
@@ -202,79 +190,49 @@ impl Extractor {
         &self,
         image: &Map,
         encoded: Option<&Map>,
-        run: Run<'_>,
+        workspace: &Workspace,
     ) -> ExtractorOutput {
-        let pool = run.pool;
-        let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
-            let output = run.layer(layer, &x, None, true);
-            pool.give(x);
-            output
-        });
-        let half = self.half.iter().fold(x, |x, block| run.block(block, x));
-        let kept = self.sharpen.as_ref().map(|_| half.copied(pool));
-        let raw = self
-            .quarter
-            .iter()
-            .fold(half, |x, block| run.block(block, x));
-        let copy = raw.copied(pool);
-        let skip = self.skip.iter().fold(copy, |x, block| run.block(block, x));
-        let mut branches: Vec<Map> = self
-            .branches
-            .iter()
-            .map(|(size, layer)| {
-                let pooled = averages(&skip, *size, pool);
-                let output = run.layer(layer, &pooled, None, true);
-                pool.give(pooled);
-                output
-            })
-            .collect();
-        branches.extend(encoded.map(|map| {
-            self.encoded.iter().fold(map.copied(pool), |x, layer| {
-                let output = run.layer(layer, &x, None, true);
-                pool.give(x);
-                output
-            })
-        }));
-        let all = gather(&raw, &skip, &branches, pool);
-        for map in branches.into_iter().chain([raw]) {
-            pool.give(map);
-        }
-        let merged = run.layer(&self.merge, &all, None, true);
-        pool.give(all);
-        let mut features = run.layer(&self.project, &merged, None, false);
-        pool.give(merged);
+        let stage = |blocks: &[Block], x: Map| {
+            let blocks = blocks.iter();
+            blocks.fold(x, |x, block| block.forward(x, workspace))
+        };
+        let x = workspace.layers(&self.stem, image.copied());
+        let half = stage(&self.half, x);
+        let half_copy = self.sharpen.as_ref().map(|_| half.copied());
+        let raw = stage(&self.quarter, half);
+        let skip = stage(&self.skip, raw.copied());
+        let branch = |(size, layer): &(usize, Layer)| {
+            let pooled = averages(&skip, *size);
+            workspace.layer(layer, &pooled, None, true)
+        };
+        let mut branches: Vec<Map> = self.branches.iter().map(branch).collect();
+        branches.extend(encoded.map(|map| workspace.layers(&self.encoded, map.copied())));
+        let all = concatenated(&raw, &skip, &branches);
+        drop((raw, branches));
+        let merged = workspace.layer(&self.merge, &all, None, true);
+        drop(all);
+        let mut features = workspace.layer(&self.project, &merged, None, false);
+        drop(merged);
         let mut x = skip;
         for (blocks, project) in &self.context {
-            x = blocks.iter().fold(x, |x, block| run.block(block, x));
-            let seen = run.layer(project, &x, None, false);
-            features.add_enlarged(&seen);
-            pool.give(seen);
+            x = stage(blocks, x);
+            features.add_enlarged(&workspace.layer(project, &x, None, false));
         }
-        pool.give(x);
+        drop(x);
         let mut logarithm = None;
         if let Some((backbone, decoder)) = &self.backbone {
-            let decoded = decoder.forward(backbone.forward(image, run), run);
-            let seen = run.layer(&decoder.features, &decoded, None, false);
-            features.add_enlarged(&seen);
-            pool.give(seen);
+            let decoded = decoder.forward(backbone.forward(image, workspace), workspace);
+            features.add_enlarged(&workspace.layer(&decoder.features, &decoded, None, false));
             let map = decoder.map.as_ref();
-            logarithm = map.map(|layer| run.layer(layer, &decoded, None, false));
-            pool.give(decoded);
+            logarithm = map.map(|layer| workspace.layer(layer, &decoded, None, false));
         }
-        let features = match (&self.sharpen, kept) {
-            (Some(sharpen), Some(half)) => sharpen.forward(features, half, run),
+        let features = match (&self.sharpen, half_copy) {
+            (Some(sharpen), Some(half)) => sharpen.forward(features, half, workspace),
             _ => features,
         };
-        let logarithm = logarithm.map(|small| {
-            let mut map = pool.take(features.height, features.width, 1);
-            map.values.fill(0.0);
-            map.add_enlarged(&small);
-            pool.give(small);
-            map
-        });
         ExtractorOutput {
+            logarithm: logarithm.map(|map| map.enlarged(features.height, features.width)),
             features,
-            logarithm,
         }
     }
 }
@@ -299,31 +257,21 @@ impl Sharpen {
         })
     }
 
-    fn forward(&self, features: Map, half: Map, run: Run<'_>) -> Map {
-        let pool = run.pool;
-        let mut enlarged = pool.take(half.height, half.width, features.channels());
-        enlarged.values.fill(0.0);
-        enlarged.add_enlarged(&features);
-        pool.give(features);
-        let x = run.layer(&self.lateral, &half, Some(&enlarged), false);
-        pool.give(half);
-        let x = self.mix.iter().fold(x, |x, layer| {
-            let output = run.layer(layer, &x, None, true);
-            pool.give(x);
-            output
-        });
-        let sharp = run.layer(&self.last, &x, Some(&enlarged), false);
-        pool.give(x);
-        pool.give(enlarged);
-        sharp
+    fn forward(&self, features: Map, half: Map, workspace: &Workspace) -> Map {
+        let enlarged = features.enlarged(half.height, half.width);
+        drop(features);
+        let x = workspace.layer(&self.lateral, &half, Some(&enlarged), false);
+        drop(half);
+        let x = workspace.layers(&self.mix, x);
+        workspace.layer(&self.last, &x, Some(&enlarged), false)
     }
 }
 
-/// Puts all maps side by side, the branches enlarged bilinearly.
-fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
+/// Concatenates the channels of all maps, the branches enlarged bilinearly.
+fn concatenated(raw: &Map, skip: &Map, branches: &[Map]) -> Map {
     let maps = [raw, skip].into_iter().chain(branches);
     let channels: usize = maps.map(Map::channels).sum();
-    let mut all = pool.take(raw.height, raw.width, channels);
+    let mut all = raw.pool.take(raw.height, raw.width, channels);
     let level = Level::here();
     let rows = all.values.par_chunks_exact_mut(raw.width * channels);
     rows.enumerate().each(|(y, row)| {
@@ -331,17 +279,17 @@ fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
             #[inline(always)]
             || {
                 for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-                    let mut rest = pixel;
+                    let mut remaining = pixel;
                     for map in [raw, skip] {
-                        let (own, others) = rest.split_at_mut(map.channels());
+                        let (own, others) = remaining.split_at_mut(map.channels());
                         let from = (y * raw.width + x) * own.len();
                         own.copy_from_slice(&map.values[from..from + own.len()]);
-                        rest = others;
+                        remaining = others;
                     }
                     for map in branches {
-                        let (own, others) = rest.split_at_mut(map.channels());
-                        map.enlarged((y, raw.height), (x, raw.width), own);
-                        rest = others;
+                        let (own, others) = remaining.split_at_mut(map.channels());
+                        map.enlarged_pixel((y, raw.height), (x, raw.width), own);
+                        remaining = others;
                     }
                 }
             },
@@ -351,10 +299,10 @@ fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
 }
 
 /// Means over windows of `size` pixels, cut off at the end.
-fn averages(map: &Map, size: usize, pool: &Pool) -> Map {
+fn averages(map: &Map, size: usize) -> Map {
     let (height, width) = (map.height.div_ceil(size), map.width.div_ceil(size));
     let channels = map.channels();
-    let mut output = pool.take(height, width, channels);
+    let mut output = map.pool.take(height, width, channels);
     output.values.fill(0.0);
     let rows = output
         .values

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// What the first hidden layer makes of the codes of positions.
+/// The first hidden layer on the codes of positions.
 #[derive(Debug)]
 pub(super) struct CodeLayers {
     /// On codes of columns (with the bias), and on codes of rows.
@@ -20,7 +20,7 @@ pub(super) struct CodeLayers {
 
 /// Rows and columns of positions in an image, on its feature map.
 #[derive(Debug)]
-pub(super) struct Grid {
+pub(super) struct PositionGrid {
     size: (usize, usize),
     features: (usize, usize),
     /// Neighbours and weight along each axis.
@@ -30,7 +30,7 @@ pub(super) struct Grid {
     column_codes: Vec<f32>,
 }
 
-impl Grid {
+impl PositionGrid {
     /// The grid of an image of `size` (height, width), at the given rows v and columns u.
     pub(super) fn new(
         layers: &CodeLayers,
@@ -61,7 +61,7 @@ impl Grid {
         }
     }
 
-    /// The first hidden layer at a row and column, before what is below 0 is cut off.
+    /// The first hidden layer at a row and column, before its ReLU.
     pub(super) fn blend<'a>(
         &'a self,
         inputs: &'a Map,
@@ -135,7 +135,7 @@ impl Grid {
 }
 
 /// The distinct coordinates of positions along an axis, in ascending order.
-pub(super) fn axis_of(places: &[[f64; 2]], axis: usize) -> Vec<f64> {
+pub(super) fn distinct_coordinates(places: &[[f64; 2]], axis: usize) -> Vec<f64> {
     let mut all: Vec<f64> = places.iter().map(|place| place[axis]).collect();
     all.sort_unstable_by(f64::total_cmp);
     all.dedup();
@@ -144,46 +144,40 @@ pub(super) fn axis_of(places: &[[f64; 2]], axis: usize) -> Vec<f64> {
 
 /// A cache of the grids of all pixels for the last few sizes; they depend only on the size.
 #[derive(Debug, Default)]
-pub(super) struct Grids(Mutex<VecDeque<Arc<Grid>>>);
+pub(super) struct GridCache(Mutex<VecDeque<Arc<PositionGrid>>>);
 
-impl Grids {
-    const KEPT: usize = 2;
+impl GridCache {
+    const CAPACITY: usize = 2;
 
     pub(super) fn get(
         &self,
         layers: &CodeLayers,
         features: (usize, usize),
         size: (usize, usize),
-    ) -> Arc<Grid> {
-        let all = |length: usize| (0..length).map(|i| i as f64).collect::<Vec<_>>();
-        let new = || {
-            Arc::new(Grid::new(
-                layers,
-                features,
-                size,
-                (&all(size.0), &all(size.1)),
-            ))
-        };
-        let find = |kept: &VecDeque<Arc<Grid>>| {
-            let mut grids = kept.iter();
-            let same = |grid: &&Arc<Grid>| (grid.features, grid.size) == (features, size);
+    ) -> Arc<PositionGrid> {
+        let find = |grids: &VecDeque<Arc<PositionGrid>>| {
+            let mut grids = grids.iter();
+            let same = |grid: &&Arc<PositionGrid>| (grid.features, grid.size) == (features, size);
             grids.find(same).cloned()
         };
-        if let Some(grid) = find(&self.kept()) {
+        if let Some(grid) = find(&self.lock()) {
             return grid;
         }
-        // Not under the lock, which images of other sizes want meanwhile.
-        let grid = new();
-        let mut kept = self.kept();
+        // Computed without the lock, for which images of other sizes would wait.
+        let all = |length: usize| (0..length).map(|i| i as f64).collect::<Vec<_>>();
+        let (rows, columns) = (all(size.0), all(size.1));
+        let grid = PositionGrid::new(layers, features, size, (&rows, &columns));
+        let grid = Arc::new(grid);
+        let mut grids = self.lock();
         // Another thread may have been first.
-        find(&kept).unwrap_or_else(|| {
-            kept.push_front(grid.clone());
-            kept.truncate(Self::KEPT);
+        find(&grids).unwrap_or_else(|| {
+            grids.push_front(grid.clone());
+            grids.truncate(Self::CAPACITY);
             grid
         })
     }
 
-    fn kept(&self) -> MutexGuard<'_, VecDeque<Arc<Grid>>> {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Arc<PositionGrid>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -4,14 +4,21 @@ use crate::bilinear::neighbours;
 use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::{Buffer, Level};
 use rayon::prelude::*;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
-/// Values `[height, width, channels]`.
-#[derive(Clone, Debug, Default)]
+/// Values `[height, width, channels]`, whose memory returns to its pool when the map is dropped.
+#[derive(Debug, Default)]
 pub(super) struct Map {
     pub(super) values: Buffer,
     pub(super) height: usize,
     pub(super) width: usize,
+    pub(super) pool: Pool,
+}
+
+impl Drop for Map {
+    fn drop(&mut self) {
+        self.pool.give(std::mem::take(&mut self.values));
+    }
 }
 
 impl Map {
@@ -23,15 +30,23 @@ impl Map {
         self.values.len() / self.pixels().max(1)
     }
 
-    pub(super) fn copied(&self, pool: &Pool) -> Self {
-        let mut copy = pool.take(self.height, self.width, self.channels());
-        copy.values.copy_from_slice(&self.values);
-        copy
+    pub(super) fn copied(&self) -> Self {
+        let channels = self.channels();
+        self.pool
+            .copy(&self.values, self.height, self.width, channels)
+    }
+
+    /// The map enlarged bilinearly to a height and width.
+    pub(super) fn enlarged(&self, height: usize, width: usize) -> Self {
+        let mut enlarged = self.pool.take(height, width, self.channels());
+        enlarged.values.fill(0.0);
+        enlarged.add_enlarged(self);
+        enlarged
     }
 
     /// The value at pixel (y, x) of the map enlarged bilinearly to a height and width.
     #[inline(always)]
-    pub(super) fn enlarged(
+    pub(super) fn enlarged_pixel(
         &self,
         (y, height): (usize, usize),
         (x, width): (usize, usize),
@@ -61,7 +76,7 @@ impl Map {
                 #[inline(always)]
                 || {
                     for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-                        map.enlarged((y, height), (x, width), &mut value);
+                        map.enlarged_pixel((y, height), (x, width), &mut value);
                         pixel.iter_mut().zip(&value).for_each(|(p, v)| *p += v);
                     }
                 },
@@ -70,12 +85,12 @@ impl Map {
     }
 }
 
-/// Memory of maps that are no longer needed, kept for reuse: fresh pages cost as much time as a layer.
-#[derive(Debug, Default)]
-pub(super) struct Pool(Mutex<Vec<Buffer>>);
+/// Memory of dropped maps for reuse: fresh pages cost as much time as a layer. Clones share it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pool(Arc<Mutex<Vec<Buffer>>>);
 
-/// As many as are alive at once.
-const KEPT: usize = 8;
+/// The most free buffers in a pool: as many as are in use at once.
+const CAPACITY: usize = 8;
 
 impl Pool {
     /// A map of any values.
@@ -87,10 +102,18 @@ impl Pool {
             values,
             height,
             width,
+            pool: self.clone(),
         }
     }
 
-    /// The shortest memory that suffices.
+    /// A map of these values.
+    pub(super) fn copy(&self, values: &[f32], height: usize, width: usize, channels: usize) -> Map {
+        let mut map = self.take(height, width, channels);
+        map.values.copy_from_slice(values);
+        map
+    }
+
+    /// The shortest buffer that suffices.
     fn find(&self, length: usize) -> Option<Buffer> {
         let mut free = self.0.lock().ok()?;
         let fitting = free
@@ -101,18 +124,18 @@ impl Pool {
         Some(free.swap_remove(place))
     }
 
-    /// Lets all memory go.
+    /// Frees all buffers.
     pub(super) fn clear(&self) {
         if let Ok(mut free) = self.0.lock() {
             free.clear();
         }
     }
 
-    /// Takes a map back; if there are too many, the smallest is let go.
-    pub(super) fn give(&self, map: Map) {
+    /// Takes a buffer back; of more than [`CAPACITY`] buffers, the smallest is freed.
+    fn give(&self, values: Buffer) {
         if let Ok(mut free) = self.0.lock() {
-            free.push(map.values);
-            if free.len() > KEPT {
+            free.push(values);
+            if free.len() > CAPACITY {
                 let smallest = (0..free.len()).min_by_key(|&i| free[i].capacity());
                 smallest.map(|i| free.swap_remove(i));
             }

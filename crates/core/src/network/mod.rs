@@ -1,15 +1,14 @@
-//! From an image to basis functions and affinities: the trained network, prepared for the CPU. It never sees
-//! a depth.
+//! From an image to basis functions and affinities: the trained network, prepared for the CPU. Depths are no input
+//! of it.
 //!
 //! Normalisation is folded into the weights; bias, skip connection and ReLU are folded into the kernels;
-//! layers pass on maps `[height, width, channels]` without copies. No full-resolution intermediate is ever
+//! layers pass on maps `[height, width, channels]`. No full-resolution intermediate is ever
 //! stored whole: the first layer of the MLP is applied before enlargement, which commutes with it, and the
 //! weights of the fit are folded into the last layer.
 
 mod affinity_net;
 mod backbone;
-mod colours;
-mod colours_alone;
+mod colour_affinity;
 mod config;
 mod decoder;
 mod encoder;
@@ -18,36 +17,35 @@ mod extractor;
 mod grid;
 mod head;
 mod map;
-mod run;
 mod tensors;
+mod workspace;
 
 pub use backbone::{BACKBONE_STEM, InvertedBlock};
-pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
-pub use colours_alone::ColourAffinity;
+pub use colour_affinity::{CONTRAST, ColourAffinity, LEAST_AFFINITY, MAX_LOG_FACTOR};
 pub use config::{
     AdapterConfig, BackboneConfig, CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig,
     NetworkConfig, NormKind, StageConfig,
 };
 pub use encoder::{
-    ADAPTERS, Encoded, Encoder, EncoderConfig, Features, LAYER_EPSILON, MORE_BLOCKS, PATCH,
-    in_patches, positions,
+    ADAPTERS, DEPTH_HEAD, DepthHead, Encoder, EncoderConfig, FeatureMap, Features, LAYER_EPSILON,
+    MORE_BLOCKS, PATCH, in_patches, positions,
 };
 pub use encoding::{channels, codes};
-pub use head::STEEPEST;
+pub use head::MAX_LOG_DEPTH;
 
 use crate::error::{Error, WeightsError};
 use crate::tensor::Tensor;
 use affinity_net::AffinityNet;
-use colours::affinities;
+use colour_affinity::affinities;
 use extractor::Extractor;
-use head::{Head, Inputs};
-use lsdc_kernels::simd::{Level, Scratch};
-use map::{Map, Pool};
-use run::Run;
+use head::{Head, HeadInput};
+use lsdc_kernels::simd::Level;
+use map::Map;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::sync::Arc;
 use tensors::Tensors;
+use workspace::Workspace;
 
 /// A network that turns an image into basis functions and affinities.
 pub trait Network: Debug + Send + Sync {
@@ -58,7 +56,7 @@ pub trait Network: Debug + Send + Sync {
     /// An image that cannot be encoded.
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error>;
 
-    /// Gives back memory that is kept for further images.
+    /// Frees memory that is kept for further images.
     fn release(&self) {}
 }
 
@@ -82,9 +80,9 @@ pub trait Basis: Debug + Send + Sync {
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32>;
 }
 
-/// A network prepared for one instruction set. Clones share weights and memory.
+/// A trained network, prepared for one instruction set of the CPU. Clones share weights and memory.
 #[derive(Clone, Debug)]
-pub struct Prepared(Arc<Inner>);
+pub struct CpuNetwork(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
@@ -92,11 +90,10 @@ struct Inner {
     extractor: Extractor,
     head: Head,
     affinities: Option<AffinityNet>,
-    scratch: Scratch,
-    pool: Pool,
+    workspace: Workspace,
 }
 
-impl Prepared {
+impl CpuNetwork {
     /// Prepares a network from the tensors of a weights file, on top of an encoder if it was trained on one.
     ///
     /// # Errors
@@ -131,78 +128,57 @@ impl Prepared {
             encoder,
             head: Head::new(config, &tensors)?,
             affinities: affinities.transpose()?,
-            scratch: Scratch::new(),
-            pool: Pool::default(),
+            workspace: Workspace::default(),
         };
         tensors.check_all_used()?;
         Ok(Self(Arc::new(inner)))
     }
 }
 
-impl Inner {
-    fn run(&self) -> Run<'_> {
-        Run {
-            scratch: &self.scratch,
-            pool: &self.pool,
-        }
-    }
-}
-
-impl Network for Prepared {
+impl Network for CpuNetwork {
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
-        let Inner { encoder, pool, .. } = &*self.0;
+        let pool = &self.0.workspace.pool;
         let encode = |encoder: &Arc<Encoder>| -> Result<Map, Error> {
-            let encoded = encoder.encode(image, size)?;
             let channels = encoder.config().channels();
-            let mut map = pool.take(encoded.rows, encoded.columns, channels);
-            map.values.copy_from_slice(&encoded.values);
-            Ok(map)
+            let FeatureMap {
+                rows,
+                columns,
+                values,
+            } = encoder.encode(image, size)?;
+            Ok(pool.copy(&values, rows, columns, channels))
         };
-        let encoded = encoder.as_ref().map(encode).transpose()?;
-        let mut map = pool.take(size.0, size.1, 3);
-        map.values.copy_from_slice(image);
-        Ok(Box::new(PreparedForward {
+        Ok(Box::new(CpuForward {
+            encoded: self.0.encoder.as_ref().map(encode).transpose()?,
+            image: pool.copy(image, size.0, size.1, 3),
             network: self.clone(),
-            image: map,
-            encoded,
         }))
     }
 
     fn release(&self) {
-        self.0.pool.clear();
-        self.0.scratch.clear();
+        self.0.workspace.clear();
     }
 }
 
-/// An image, and what the encoder says of it.
+/// An image, and the features of the encoder.
 #[derive(Debug)]
-struct PreparedForward {
-    network: Prepared,
+struct CpuForward {
+    network: CpuNetwork,
     image: Map,
     encoded: Option<Map>,
 }
 
-impl Drop for PreparedForward {
-    fn drop(&mut self) {
-        let image = std::mem::take(&mut self.image);
-        for map in [image].into_iter().chain(self.encoded.take()) {
-            self.network.0.pool.give(map);
-        }
-    }
-}
-
-impl Forward for PreparedForward {
+impl Forward for CpuForward {
     fn basis(&self) -> Box<dyn Basis> {
         let inner = &*self.network.0;
         // On a thread of the pool, or each of some sixty layers would wake and await it anew.
-        let inputs = rayon::scope(|_| {
+        let input = rayon::scope(|_| {
             let (image, encoded) = (&self.image, self.encoded.as_ref());
-            let seen = inner.extractor.forward(image, encoded, inner.run());
-            inner.head.enter(seen, &inner.pool)
+            let output = inner.extractor.forward(image, encoded, &inner.workspace);
+            inner.head.input(output)
         });
-        Box::new(PreparedBasis {
+        Box::new(CpuBasis {
             network: self.network.clone(),
-            inputs,
+            input,
         })
     }
 
@@ -211,41 +187,32 @@ impl Forward for PreparedForward {
         let size = (self.image.height, self.image.width);
         let changes = inner.affinities.as_ref().map(|network| {
             let encoded = self.encoded.as_ref();
-            rayon::scope(|_| network.forward(&self.image, encoded, inner.run()))
+            rayon::scope(|_| network.forward(&self.image, encoded, &inner.workspace))
         });
-        let values = changes.as_ref().map(|map| &map.values[..]);
-        let values = affinities(&self.image.values, size, values);
-        if let Some(map) = changes {
-            inner.pool.give(map);
-        }
-        (values, size)
+        let changes = changes.as_ref().map(|map| &map.values[..]);
+        (affinities(&self.image.values, size, changes), size)
     }
 }
 
 /// The basis functions of an image: cheap to read anywhere, again and again.
 #[derive(Debug)]
-struct PreparedBasis {
-    network: Prepared,
-    inputs: Inputs,
+struct CpuBasis {
+    network: CpuNetwork,
+    input: HeadInput,
 }
 
-impl Drop for PreparedBasis {
-    fn drop(&mut self) {
-        let Inputs { hidden, logarithm } = std::mem::take(&mut self.inputs);
-        for map in [hidden].into_iter().chain(logarithm) {
-            self.network.0.pool.give(map);
-        }
-    }
-}
-
-impl Basis for PreparedBasis {
+impl Basis for CpuBasis {
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
-        let Inner { head, scratch, .. } = &*self.network.0;
-        head.at(&self.inputs, size, places, scratch)
+        let Inner {
+            head, workspace, ..
+        } = &*self.network.0;
+        head.at(&self.input, size, places, &workspace.scratch)
     }
 
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        let Inner { head, scratch, .. } = &*self.network.0;
-        head.combine(&self.inputs, size, weights, scratch)
+        let Inner {
+            head, workspace, ..
+        } = &*self.network.0;
+        head.combine(&self.input, size, weights, &workspace.scratch)
     }
 }

@@ -4,9 +4,10 @@ use super::config::EPSILON;
 use crate::error::WeightsError;
 use crate::tensor::Tensor;
 use lsdc_kernels::conv::{ConvSpec, Layer};
-use lsdc_kernels::simd::Level;
+use lsdc_kernels::simd::{Level, Packed};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// Tensors, and which of them have been used.
 pub(super) struct Tensors<'a> {
@@ -17,14 +18,17 @@ pub(super) struct Tensors<'a> {
 
 /// A linear map of rows `[depth, columns]` with bias.
 pub(super) struct Linear {
-    pub(super) columns: usize,
+    columns: usize,
     values: Vec<f32>,
     pub(super) bias: Vec<f32>,
 }
 
 impl Linear {
-    pub(super) fn at(&self, row: usize, column: usize) -> f32 {
-        self.values[row * self.columns + column]
+    /// Some rows, with a bias of their own.
+    pub(super) fn packed(&self, level: Level, rows: Range<usize>, bias: &[f32]) -> Packed {
+        let at =
+            |row: usize, column: usize| self.values[(rows.start + row) * self.columns + column];
+        Packed::new(level, (rows.len(), self.columns), bias, at)
     }
 }
 
@@ -68,17 +72,21 @@ impl<'a> Tensors<'a> {
         }
     }
 
-    /// Slope and offset of every channel of a batch normalisation with its running statistics.
-    fn line(&self, name: &str, channels: usize) -> Result<Vec<(f32, f32)>, WeightsError> {
+    /// Slopes and offsets of the channels of a batch normalisation with its running statistics.
+    fn batch_norm(
+        &self,
+        name: &str,
+        channels: usize,
+    ) -> Result<(Vec<f32>, Vec<f32>), WeightsError> {
         let values = |part: &str| self.values(&format!("{name}.norm.Batch.{part}"), &[channels]);
         let (gain, shift) = (values("gain")?, values("shift")?);
         let (mean, variance) = (values("running_mean")?, values("running_variance")?);
-        let line = |c: usize| {
+        let affine = |c: usize| {
             let slope = f64::from(gain[c]) / (f64::from(variance[c]) + EPSILON).sqrt();
             let offset = f64::from(shift[c]) - f64::from(mean[c]) * slope;
             (slope as f32, offset as f32)
         };
-        Ok((0..channels).map(line).collect())
+        Ok((0..channels).map(affine).unzip())
     }
 
     /// A convolution alone.
@@ -102,18 +110,16 @@ impl<'a> Tensors<'a> {
         spec: ConvSpec,
     ) -> Result<Layer, WeightsError> {
         let [outputs, channels, taps] = sizes;
-        let shape = [outputs, channels, taps, taps];
-        let mut values = self
-            .values(&format!("{name}.conv.weight"), &shape)?
-            .to_vec();
-        let line = self.line(name, outputs)?;
+        let weight = format!("{name}.conv.weight");
+        let values = self.values(&weight, &[outputs, channels, taps, taps])?;
+        let (slopes, bias) = self.batch_norm(name, outputs)?;
+        let mut values = values.to_vec();
         let rows = values.chunks_exact_mut(channels * taps * taps);
-        for (row, (slope, _)) in rows.zip(&line) {
+        for (row, slope) in rows.zip(&slopes) {
             for value in row {
                 *value *= slope;
             }
         }
-        let bias: Vec<f32> = line.into_iter().map(|(_, offset)| offset).collect();
         Ok(Layer::new(self.level, &values, sizes, &bias, spec))
     }
 
@@ -125,15 +131,15 @@ impl<'a> Tensors<'a> {
     ) -> Result<Linear, WeightsError> {
         let weight = format!("{name}.linear.weight");
         let mut values = self.values(&weight, &[depth, columns])?.to_vec();
-        let line = self.line(name, columns)?;
+        let (slopes, bias) = self.batch_norm(name, columns)?;
         for row in values.chunks_exact_mut(columns) {
-            let pairs = row.iter_mut().zip(&line);
-            pairs.for_each(|(value, (slope, _))| *value *= slope);
+            let pairs = row.iter_mut().zip(&slopes);
+            pairs.for_each(|(value, slope)| *value *= slope);
         }
         Ok(Linear {
             columns,
             values,
-            bias: line.into_iter().map(|(_, offset)| offset).collect(),
+            bias,
         })
     }
 }

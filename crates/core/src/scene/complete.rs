@@ -3,9 +3,9 @@
 use super::Scene;
 use crate::completion::Completion;
 use crate::error::{FitError, Result};
-use crate::fit::{Bases, FitMethod, Prior, PriorKind, fit};
+use crate::fit::{BasisValues, FitMethod, Prior, PriorKind, fit};
 use crate::observations::Observations;
-use crate::usable::Usable;
+use crate::usable::UsableObservations;
 use std::time::Instant;
 
 /// How much closer the weights are expected to be to those of the previous frame than to those of an
@@ -73,43 +73,45 @@ impl Scene {
     fn complete_with(
         &self,
         observations: &Observations,
-        near: Option<&[f64]>,
-        once: bool,
+        previous_weights: Option<&[f64]>,
+        transient: bool,
     ) -> Result<Completion> {
         let started = Instant::now();
         let inner = &*self.0;
-        let usable = Usable::new(observations, inner.size)?;
+        let usable = UsableObservations::new(observations, inner.size)?;
         let mut config = *inner.completer.fit_config();
-        let drawn = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
-        let about: Option<Prior> = match (near, inner.completer.prior()) {
+        let has_prior = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
+        let centred_on: Option<Prior> = match (previous_weights, inner.completer.prior()) {
             (None, _) => None,
-            (Some(weights), Some(prior)) if drawn => {
+            (Some(weights), Some(prior)) if has_prior => {
                 config.lambda = config.lambda.times(CLOSER);
-                Some(prior.about(weights, inner.guides() + inner.cosines.len())?)
+                Some(prior.centred_on(weights, inner.guides() + inner.cosines.len())?)
             }
             (Some(_), _) => return Err(FitError::NearWithoutPrior.into()),
         };
-        let prior = about.as_ref().or(inner.completer.prior());
+        let prior = centred_on.as_ref().or(inner.completer.prior());
         // On a thread of the pool, which need not be awaited for each step.
         let found = inner.completer.run(|| {
             rayon::scope(|_| {
-                let rows = inner.held(&usable, config.robust.is_some());
+                let rows = inner.bases_at_points(&usable, config.robust.is_some());
                 let affinities = inner.needed_affinities()?;
                 let factorising = Instant::now();
                 if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
-                    affinities.prior(config.joint.level);
+                    affinities.prior(config.joint.diagonal_regularisation);
                 }
                 let (field, solving) = (factorising.elapsed(), Instant::now());
                 let bases = rows
                     .as_deref()
-                    .map_or(Bases::Functions(inner), |rows| Bases::Held(rows, inner));
-                let points = inner.points(bases, &usable, affinities, once);
+                    .map_or(BasisValues::Everywhere(inner), |rows| {
+                        BasisValues::Both(rows, inner)
+                    });
+                let points = inner.points(bases, &usable, affinities, transient);
                 Ok((fit(&points, &config, prior)?, field, solving.elapsed()))
             })
         });
         let (fit, field, solve) = found.map_err(|error| match error {
             // What was left out, and why, is known here.
-            crate::Error::Fit(FitError::NoObservations { .. }) => usable.none().into(),
+            crate::Error::Fit(FitError::NoObservations { .. }) => usable.no_observations().into(),
             other => other,
         })?;
         let times = [inner.network, started.elapsed(), field, solve];

@@ -28,7 +28,7 @@ pub fn check_name(name: &str) -> Result<()> {
 /// Where a frame was taken; some protocols treat the two differently.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Place {
+pub enum Environment {
     /// In a room.
     #[default]
     Indoor,
@@ -63,7 +63,7 @@ pub struct Frame {
     /// scored.
     pub rings: Option<Vec<i32>>,
     /// Where the frame was taken.
-    pub place: Place,
+    pub place: Environment,
     /// What is to be learned from the frame, if a teacher has seen it.
     pub target: Option<Target>,
 }
@@ -81,7 +81,7 @@ impl Frame {
             sparse: None,
             mask: None,
             rings: None,
-            place: Place::default(),
+            place: Environment::default(),
             target: None,
         };
         frame.check_size("depth map", frame.depth.width(), frame.depth.height())?;

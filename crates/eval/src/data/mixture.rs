@@ -45,20 +45,20 @@ impl Mixture {
 
     /// The dataset of a frame: its number, itself, and the index of the frame there.
     fn part(&self, index: usize) -> (usize, &dyn Dataset, usize) {
-        let found = self.parts().position(|(range, _)| range.contains(&index));
-        let number = found.unwrap_or(0);
-        let before: usize = self.parts[..number].iter().map(|(f, _)| f.len()).sum();
-        (number, self.parts[number].0.as_ref(), index - before)
+        let mut ranges = self.parts().map(|(range, _)| range).enumerate();
+        let found = ranges.find(|(_, range)| range.contains(&index));
+        let (number, range) = found.unwrap_or_default();
+        (number, self.parts[number].0.as_ref(), index - range.start)
     }
 }
 
 impl Dataset for Mixture {
-    fn about(&self) -> String {
+    fn description(&self) -> String {
         let parts = self.parts.iter().map(|(frames, share)| match share {
-            None => frames.about(),
+            None => frames.description(),
             Some(share) => {
                 let percent = (share * 1e4).round() / 100.0;
-                format!("{} ({percent} %)", frames.about())
+                format!("{} ({percent} %)", frames.description())
             }
         });
         parts.collect::<Vec<_>>().join("; ")
@@ -68,8 +68,8 @@ impl Dataset for Mixture {
         self.first().protocol()
     }
 
-    fn measured(&self) -> bool {
-        self.parts.iter().all(|(frames, _)| frames.measured())
+    fn has_depth(&self) -> bool {
+        self.parts.iter().all(|(frames, _)| frames.has_depth())
     }
 
     fn len(&self) -> usize {
@@ -137,6 +137,10 @@ mod tests {
         assert_eq!(all.id(4), format!("1/{}", parts[1].id(1)));
         let names: std::collections::BTreeSet<_> = (0..9).map(|i| all.id(i)).collect();
         assert_eq!(names.len(), 9);
-        assert!(all.about().contains("(30 %)"), "{}", all.about());
+        assert!(
+            all.description().contains("(30 %)"),
+            "{}",
+            all.description()
+        );
     }
 }

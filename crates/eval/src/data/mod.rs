@@ -6,12 +6,12 @@ mod sets;
 mod shard;
 mod source;
 
-pub use frame::{Frame, FrameId, Place, Target, check_name};
+pub use frame::{Environment, Frame, FrameId, Target, check_name};
 pub use lsdc_files::{
-    Camera, Cloud, Colmap, Colored, Contents, DepthKind, DepthMap, GUIDE_ENDINGS, GuideSource,
-    Orientation, Point, Sparse, StoredAs, StoredMap, Unit, Upright, View, check_foreign,
-    check_output, check_writable, hide_caught_panics, images_below, is_depth_image, is_image,
-    png_unit, raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_rgb,
+    Camera, Colmap, ColoredCloud, ColoredPoint, Contents, DepthKind, DepthMap, DepthReadOptions,
+    GUIDE_ENDINGS, GuideSource, Orientation, Point, Sparse, StoredMap, Unit, UprightImage, View,
+    check_foreign, check_output, check_writable, hide_caught_panics, images_below, is_depth_image,
+    is_image, png_unit, raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_rgb,
     read_upright, remove_leftovers, stored_unit, without_uncertain, would_replace,
     write_atomically, write_colour_map, write_depth_png, write_exr, write_folder_atomically,
     write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
@@ -58,7 +58,7 @@ impl Split {
 /// A list of frames, loaded one at a time.
 pub trait Dataset: Send + Sync {
     /// What was found: the dataset's name, how it is stored, which depths these are.
-    fn about(&self) -> String;
+    fn description(&self) -> String;
 
     /// The name of the protocol by which it is measured by convention.
     fn protocol(&self) -> &'static str {
@@ -66,7 +66,7 @@ pub trait Dataset: Send + Sync {
     }
 
     /// Whether frames have depths. Images alone can be learned from with a teacher.
-    fn measured(&self) -> bool {
+    fn has_depth(&self) -> bool {
         true
     }
 
@@ -103,7 +103,7 @@ pub trait Dataset: Send + Sync {
 pub fn frames_record(frames: &dyn Dataset) -> Value {
     let names: Vec<FrameId> = (0..frames.len()).map(|index| frames.id(index)).collect();
     json!({
-        "found": frames.about(),
+        "found": frames.description(),
         "frames": names.len(),
         "names": format!("{:016x}", lsdc_rng::hash(&names)),
     })

@@ -143,7 +143,7 @@ impl DataConfig {
             let name = frames.id(index);
             check_name(&name)?;
             if let Some(name) = names.replace(name) {
-                let what = format!("two frames are called `{name}` in {}", frames.about());
+                let what = format!("two frames are called `{name}` in {}", frames.description());
                 return Err(Error::config(what).hint("give folders or files other names"));
             }
         }

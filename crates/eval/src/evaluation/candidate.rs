@@ -2,8 +2,9 @@
 
 use crate::data::{DepthMap, Frame, GuideSource, Unit, read_depth, stored_unit};
 use crate::metrics::PredictedErrors;
-use crate::predict::{Completes, Method, complete_classic, guided_scene, scene};
+use crate::predict::{DepthCompleter, Guides, Method, complete_classic, guided_scene, scene};
 use crate::sampling::{Interpolation, Size, move_points, resize_depth, resize_rgb};
+use image::RgbImage;
 use lsdc_core::{Completer, DepthGuide, Observations, Scene};
 use lsdc_files::error::{Cause, Error, Result};
 use lsdc_weights::provenance;
@@ -28,13 +29,13 @@ pub enum Candidate {
     /// A system that is given image and points at a smaller size if that is named, and its result enlarged bilinearly.
     System {
         /// The system with its weights.
-        system: Arc<dyn Completes>,
+        system: Arc<dyn DepthCompleter>,
         /// What its predictions depend on.
         made_from: Map<String, Value>,
         /// The smaller size.
         from: Option<Size>,
     },
-    /// `FRAME.npy` (metres) or `FRAME.png` (millimetres, or the unit that the file says) in this
+    /// `FRAME.npy` (metres) or `FRAME.png` (millimetres, or the unit that the file records) in this
     /// folder, or in its `seedN`, which there must be for each of several draws.
     Files(PathBuf),
 }
@@ -46,12 +47,14 @@ impl Candidate {
         let Self::Files(folder) = self else {
             return Ok(());
         };
-        let missing = seeds.iter().find(|seed| !of_seed(folder, **seed).is_dir());
+        let missing = seeds
+            .iter()
+            .find(|seed| !seed_folder(folder, **seed).is_dir());
         match missing.filter(|_| seeds.len() > 1) {
             None => Ok(()),
             Some(seed) => Err(Error::config(format!(
                 "`{name}` has no folder `{}`: one prediction would count for {} draws of points",
-                of_seed(folder, *seed).display(),
+                seed_folder(folder, *seed).display(),
                 seeds.len()
             ))
             .hint("give the predictions of each draw a folder seedN, or measure one: --seeds 1")),
@@ -75,7 +78,9 @@ impl Candidate {
                 made_from.insert("from".to_owned(), json!(from));
                 made_from.into()
             }
-            Self::Files(folder) => json!({ "files": provenance::folder(folder, &["npy", "png"])? }),
+            Self::Files(folder) => {
+                json!({ "files": provenance::folder_hash(folder, &["npy", "png"])? })
+            }
         })
     }
 }
@@ -90,22 +95,25 @@ pub enum Enlargement {
 }
 
 /// What the predictions of a frame have in common: its basis functions, and those of its guide.
-pub(super) struct Prepared<'a> {
+pub(super) struct PreparedFrame<'a> {
     network: Option<(&'a Completer, Scene)>,
     uncertainty: bool,
 }
 
-impl<'a> Prepared<'a> {
+impl<'a> PreparedFrame<'a> {
     pub(super) fn new(
         completer: Option<&'a Completer>,
-        guides: Option<&GuideSource>,
+        guides: Option<Guides<'_>>,
         frame: &Frame,
         uncertainty: bool,
     ) -> Result<Self> {
         let network = match completer {
             None => None,
             Some(completer) => {
-                let guide = guides.map(|source| guide(source, frame));
+                let guide = guides.map(|guides| match guides {
+                    Guides::Files(source) => guide(source, frame),
+                    Guides::Predicted(network) => network.predict(&frame.rgb),
+                });
                 let scene = guided_scene(completer, &frame.rgb, guide.transpose()?.as_ref())?;
                 Some((completer, scene))
             }
@@ -117,7 +125,7 @@ impl<'a> Prepared<'a> {
     }
 
     /// The depth map of a candidate for a frame and its points, and the predicted distribution of its errors
-    /// if that is asked for and the candidate has one.
+    /// if uncertainty is measured and the candidate predicts it.
     pub(super) fn predict(
         &self,
         candidate: &Candidate,
@@ -139,23 +147,33 @@ impl<'a> Prepared<'a> {
                 });
                 Ok((completion.depth()?, predicted_errors.transpose()?))
             }
-            (Candidate::Method(Method::Lsdc), None) => {
-                Err(Error::weights("method `lsdc` needs a network"))
-            }
+            (Candidate::Method(Method::Lsdc), None) => Err(missing_network()),
             (Candidate::Enlarged { method, from, by }, network) => {
-                let network = network.as_ref().map(|(completer, _)| *completer);
-                let depth = enlarged(network, *method, *from, *by, frame, sparse)?;
-                Ok((depth, None))
+                let complete = |rgb: &RgbImage, sparse: &DepthMap| -> Result<DepthMap> {
+                    match (method, network) {
+                        (Method::Classic(method), _) => complete_classic(*method, rgb, sparse),
+                        (Method::System(system), _) => Err(missing_weights(system.name())),
+                        (Method::Lsdc, None) => Err(missing_network()),
+                        (Method::Lsdc, Some((completer, _))) => {
+                            let points = Observations::from_map(sparse);
+                            let completion = scene(completer, rgb)?.complete(&points)?;
+                            Ok(match by {
+                                Enlargement::Bases => completion
+                                    .depth_at(frame.depth.width(), frame.depth.height())?,
+                                Enlargement::Bilinear => completion.depth()?,
+                            })
+                        }
+                    }
+                };
+                Ok((enlarged(*from, frame, sparse, complete)?, None))
             }
-            (Candidate::Method(Method::System(system)), _) => Err(without_weights(system.name())),
+            (Candidate::Method(Method::System(system)), _) => Err(missing_weights(system.name())),
             (Candidate::System { system, from, .. }, _) => {
                 let depth = match from {
                     None => system.depth(&frame.rgb, sparse)?,
-                    Some(from) => {
-                        let rgb = resize_rgb(&frame.rgb, *from, Interpolation::PilBilinear)?;
-                        let small = system.depth(&rgb, &move_points(sparse, *from)?)?;
-                        resize_depth(&small, size(frame), Interpolation::CvBilinear)?
-                    }
+                    Some(from) => enlarged(*from, frame, sparse, |rgb, sparse| {
+                        system.depth(rgb, sparse)
+                    })?,
                 };
                 Ok((depth, None))
             }
@@ -168,57 +186,37 @@ impl<'a> Prepared<'a> {
     }
 }
 
-fn size(frame: &Frame) -> Size {
-    Size {
-        height: frame.depth.height(),
-        width: frame.depth.width(),
-    }
-}
-
 /// Systems have no weights of the program.
-fn without_weights(name: &str) -> Error {
+fn missing_weights(name: &str) -> Error {
     Error::weights(format!("method `{name}` needs weights of its own"))
         .hint(format!("train them: `lsdc train --method {name}`"))
 }
 
+fn missing_network() -> Error {
+    Error::weights("method `lsdc` needs a network")
+}
+
+/// Completes image and points at a smaller size, and interpolates the result if it is not as large as the frame.
 fn enlarged(
-    completer: Option<&Completer>,
-    method: Method,
     from: Size,
-    by: Enlargement,
     frame: &Frame,
     sparse: &DepthMap,
+    complete: impl FnOnce(&RgbImage, &DepthMap) -> Result<DepthMap>,
 ) -> Result<DepthMap> {
-    let size = size(frame);
     let rgb = resize_rgb(&frame.rgb, from, Interpolation::PilBilinear)?;
-    let sparse = move_points(sparse, from)?;
-    let small = match (method, completer) {
-        (Method::Classic(method), _) => complete_classic(method, &rgb, &sparse)?,
-        (Method::System(system), _) => return Err(without_weights(system.name())),
-        (Method::Lsdc, None) => return Err(Error::weights("method `lsdc` needs a network")),
-        (Method::Lsdc, Some(completer)) => {
-            let completion = scene(completer, &rgb)?.complete(&Observations::from_map(&sparse))?;
-            match by {
-                Enlargement::Bases => completion.depth_at(size.width, size.height)?,
-                Enlargement::Bilinear => completion.depth()?,
-            }
-        }
-    };
-    match by {
-        Enlargement::Bases if method == Method::Lsdc => Ok(small),
-        _ => resize_depth(&small, size, Interpolation::CvBilinear),
-    }
+    let depth = complete(&rgb, &move_points(sparse, from)?)?;
+    resize_depth(&depth, Size::of(&frame.depth), Interpolation::CvBilinear)
 }
 
 /// Where the predictions of a draw lie, if each draw has its own.
-fn of_seed(folder: &Path, seed: u64) -> PathBuf {
+fn seed_folder(folder: &Path, seed: u64) -> PathBuf {
     folder.join(format!("seed{seed}"))
 }
 
 fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
-    let of_seed = of_seed(folder, seed);
-    let folder = if of_seed.is_dir() {
-        of_seed
+    let seed_folder = seed_folder(folder, seed);
+    let folder = if seed_folder.is_dir() {
+        seed_folder
     } else {
         folder.to_owned()
     };
@@ -242,23 +240,23 @@ fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
     .hint("expected FRAME.npy in metres or FRAME.png in millimetres"))
 }
 
-/// The guide of a frame, which must show the same part of the image.
+/// The guide of a frame in a file, which must show the same part of the image.
 fn guide(source: &GuideSource, frame: &Frame) -> Result<DepthGuide> {
     let (guide, _) = source.read_for(&frame.id)?;
-    let [of_guide, of_frame] = [
+    let [guide_size, frame_size] = [
         (guide.width(), guide.height()),
         (frame.depth.width(), frame.depth.height()),
     ];
     let aspect = |(width, height): (usize, usize)| width as f64 / height as f64;
-    if (aspect(of_guide) / aspect(of_frame)).ln().abs() > ASPECTS {
+    if (aspect(guide_size) / aspect(frame_size)).ln().abs() > MAX_LOG_ASPECT {
         return Err(Error::shape(format!(
             "the guide for `{}` in `{}` is {}x{} but the frame is {}x{}",
             frame.id,
             source.path.display(),
-            of_guide.0,
-            of_guide.1,
-            of_frame.0,
-            of_frame.1
+            guide_size.0,
+            guide_size.1,
+            frame_size.0,
+            frame_size.1
         ))
         .hint(
             "guides belong to the frame after resizing and cropping: `lsdc export` writes the images",
@@ -268,11 +266,10 @@ fn guide(source: &GuideSource, frame: &Frame) -> Result<DepthGuide> {
 }
 
 /// How far the logarithms of two aspects may differ that are the same but for rounding.
-const ASPECTS: f64 = 0.02;
+const MAX_LOG_ASPECT: f64 = 0.02;
 
 fn check(prediction: &DepthMap, frame: &Frame, folder: &Path) -> Result<()> {
-    let size = |map: &DepthMap| (map.width(), map.height());
-    if size(prediction) == size(&frame.depth) {
+    if Size::of(prediction) == Size::of(&frame.depth) {
         let pairs = prediction.values().iter().zip(frame.depth.values());
         if pairs.into_iter().any(|(&p, &truth)| p > 0.0 && truth > 0.0) {
             return Ok(());

@@ -2,7 +2,7 @@
 
 use crate::metrics::Rules;
 use crate::predict::Method;
-use crate::sampling::{HoldOut, Noise, Pattern, Preset, Protocol};
+use crate::sampling::{HoldOut, Noise, Pattern, Protocol, ProtocolPreset};
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -63,7 +63,7 @@ impl EvalConfig {
     /// The first setting that is out of range.
     pub fn check(&self) -> Result<()> {
         if let Some(preset) = &self.preset {
-            Preset::named(preset)?;
+            ProtocolPreset::named(preset)?;
         }
         if self.seeds == 0 || self.limit == Some(0) {
             return Err(Error::config(

@@ -1,6 +1,6 @@
 //! What has been measured, one line a record, so that an evaluation can go on where it stopped.
 
-use crate::report::{Heading, Record};
+use crate::report::{FrameRecord, Heading};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::provenance::differences;
 use serde_json::{Value, json};
@@ -10,9 +10,9 @@ use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Records by frame and seed.
-type Records = BTreeMap<(String, u64), Record>;
+type Records = BTreeMap<(String, u64), FrameRecord>;
 
-/// A file of records, or nothing. Its first line says what they were made from; nobody else can
+/// A file of records, or nothing. Its first line holds what they were made from; nobody else can
 /// open it meanwhile.
 #[derive(Debug, Default)]
 pub struct Journal {
@@ -21,8 +21,8 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Keeps nothing.
-    pub fn none() -> Self {
+    /// A journal that keeps nothing.
+    pub fn disabled() -> Self {
         Self::default()
     }
 
@@ -34,20 +34,20 @@ impl Journal {
     /// The file cannot be read or written, is open in another evaluation, or belongs to one with
     /// other settings.
     pub fn open(path: &Path, heading: &Heading, place: &Value) -> Result<Self> {
-        let (mut file, bytes) = open_alone(path)?;
+        let (mut file, bytes) = open_locked(path)?;
         let made_from = json!({ "heading": heading, "place": place });
         let end = bytes.iter().rposition(|&byte| byte == b'\n');
-        let whole = end.map_or(0, |end| end + 1);
-        let text = String::from_utf8_lossy(&bytes[..whole]);
+        let complete_length = end.map_or(0, |end| end + 1);
+        let text = String::from_utf8_lossy(&bytes[..complete_length]);
         let mut lines = text.lines();
         let mut records = Records::new();
         let write = |e: std::io::Error| Error::write(path, e);
         if let Some(first) = lines.next() {
             check(path, first, &made_from)?;
-            for record in lines.filter_map(|line| serde_json::from_str::<Record>(line).ok()) {
+            for record in lines.filter_map(|line| serde_json::from_str::<FrameRecord>(line).ok()) {
                 records.insert((record.frame.clone(), record.seed), record);
             }
-            file.set_len(whole as u64).map_err(write)?;
+            file.set_len(complete_length as u64).map_err(write)?;
             file.seek(SeekFrom::End(0)).map_err(write)?;
         } else {
             file.set_len(0).map_err(write)?;
@@ -62,15 +62,15 @@ impl Journal {
         })
     }
 
-    /// Forgets what a journal holds, if there is one.
+    /// Removes all records of a journal, if there is one.
     ///
     /// # Errors
     /// It cannot be written, or is open in another evaluation.
-    pub fn forget(path: &Path) -> Result<()> {
+    pub fn clear(path: &Path) -> Result<()> {
         if !path.exists() {
             return Ok(());
         }
-        let (file, _) = open_alone(path)?;
+        let (file, _) = open_locked(path)?;
         file.set_len(0).map_err(|e| Error::write(path, e))
     }
 
@@ -85,11 +85,11 @@ impl Journal {
     }
 
     /// The records that were there when the journal was opened.
-    pub(super) fn take(&mut self) -> Records {
+    pub(super) fn take_records(&mut self) -> Records {
         std::mem::take(&mut self.records)
     }
 
-    pub(super) fn add(&mut self, record: &Record) -> Result<()> {
+    pub(super) fn add(&mut self, record: &FrameRecord) -> Result<()> {
         let Some((path, file)) = &mut self.file else {
             return Ok(());
         };
@@ -101,7 +101,7 @@ impl Journal {
 }
 
 /// The file, locked until it is closed, and what it holds.
-fn open_alone(path: &Path) -> Result<(File, Vec<u8>)> {
+fn open_locked(path: &Path) -> Result<(File, Vec<u8>)> {
     let mut options = OpenOptions::new();
     let mut file = options
         .create(true)
@@ -133,8 +133,8 @@ fn open_alone(path: &Path) -> Result<(File, Vec<u8>)> {
 
 /// Checks the first line of a journal.
 fn check(path: &Path, first: &str, made_from: &Value) -> Result<()> {
-    /// More do not help.
-    const SHOWN: usize = 3;
+    /// Differences that the message lists.
+    const LISTED: usize = 3;
     // What is not JSON differs as a whole. Numbers are compared as they are read back.
     let before: Value = serde_json::from_str(first).unwrap_or_default();
     let now: Value = serde_json::from_str(&made_from.to_string()).unwrap_or_default();
@@ -142,9 +142,9 @@ fn check(path: &Path, first: &str, made_from: &Value) -> Result<()> {
     if found.is_empty() {
         return Ok(());
     }
-    let mut words = found[..found.len().min(SHOWN)].join("; ");
-    if found.len() > SHOWN {
-        words = format!("{words}; and {} more", found.len() - SHOWN);
+    let mut words = found[..found.len().min(LISTED)].join("; ");
+    if found.len() > LISTED {
+        words = format!("{words}; and {} more", found.len() - LISTED);
     }
     Err(Error::config(format!(
         "`{}` belongs to another evaluation: {words}",
@@ -156,14 +156,14 @@ fn check(path: &Path, first: &str, made_from: &Value) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Place;
+    use crate::data::Environment;
 
-    fn record(frame: &str) -> Record {
-        Record {
+    fn record(frame: &str) -> FrameRecord {
+        FrameRecord {
             frame: frame.into(),
             seed: 3,
             points: 5,
-            place: Place::Indoor,
+            place: Environment::Indoor,
             scene: None,
             outcomes: Vec::new(),
             files: Vec::new(),
@@ -188,7 +188,7 @@ mod tests {
 
         let mut journal = open(&path, &heading).unwrap();
         assert_eq!(journal.len(), 1);
-        let records = journal.take();
+        let records = journal.take_records();
         assert_eq!(records[&("a".to_owned(), 3)], record("a"));
         journal.add(&record("b")).unwrap();
         drop(journal);
@@ -200,23 +200,23 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal.jsonl");
         let heading = Heading {
-            made_from: json!({ "fit": { "joint": { "waves": 2.5 } } }),
+            made_from: json!({ "fit": { "joint": { "cosines": 2.5 } } }),
             ..Heading::default()
         };
         drop(open(&path, &heading).unwrap());
         drop(open(&path, &heading).unwrap());
         let other = Heading {
-            made_from: json!({ "fit": { "joint": { "waves": 0.0 } } }),
+            made_from: json!({ "fit": { "joint": { "cosines": 0.0 } } }),
             ..heading.clone()
         };
         let error = open(&path, &other).unwrap_err().to_string();
-        assert!(error.contains("fit.joint.waves: 2.5, now 0.0"), "{error}");
+        assert!(error.contains("fit.joint.cosines: 2.5, now 0.0"), "{error}");
         let error = Journal::open(&path, &heading, &json!({ "root": "/other" }));
         let error = error.unwrap_err().to_string();
         assert!(error.contains("place.root"), "{error}");
         std::fs::write(&path, "nothing that is known\n").unwrap();
         assert!(open(&path, &heading).is_err());
-        Journal::forget(&path).unwrap();
+        Journal::clear(&path).unwrap();
         assert!(open(&path, &other).unwrap().is_empty());
     }
 
@@ -229,7 +229,7 @@ mod tests {
         first.add(&record("a")).unwrap();
         let error = open(&path, &heading).unwrap_err();
         assert!(error.to_string().contains("another evaluation is writing"));
-        assert!(Journal::forget(&path).is_err());
+        assert!(Journal::clear(&path).is_err());
         first.add(&record("b")).unwrap();
         drop(first);
         assert_eq!(open(&path, &heading).unwrap().len(), 2);

@@ -8,17 +8,18 @@ mod timing;
 pub use candidate::{Candidate, Enlargement};
 pub use config::EvalConfig;
 pub use journal::Journal;
-pub use timing::{Times, median_ms, time, time_deviations};
+pub use timing::{CompletionTimes, median_ms, time, time_deviations};
 
-use crate::data::{Dataset, Frame, GUIDE_ENDINGS, GuideSource, Shard};
-use crate::metrics::{Certainty, Metric, Profile, Ranges, Rules, Scores};
-use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
-use crate::sampling::{HoldOut, Noise, Pattern, Protocol, Task};
-use candidate::Prepared;
+use crate::data::{Dataset, Frame, GUIDE_ENDINGS, Shard};
+use crate::metrics::{DepthRangeErrors, ErrorProfile, Metric, Rules, Scores, UncertaintyScores};
+use crate::predict::Guides;
+use crate::report::{EvaluationReport, ExampleFrame, Failure, FrameRecord, Heading, MethodOutcome};
+use crate::sampling::{CompletionTask, HoldOut, Noise, Pattern, Protocol};
+use candidate::PreparedFrame;
 use lsdc_classic::distances;
 use lsdc_core::{Completer, RANGE};
 use lsdc_files::error::{Error, Result};
-use lsdc_weights::provenance::{self, Stamp};
+use lsdc_weights::provenance::{self, FileStamp};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::ops::ControlFlow;
@@ -31,8 +32,8 @@ pub struct Evaluation<'a> {
     pub candidates: Vec<(String, Candidate)>,
     /// The network, if a candidate needs one.
     pub completer: Option<&'a Completer>,
-    /// A folder of guides for `lsdc`, by the names of frames, each of the frame after the protocol.
-    pub guides: Option<&'a GuideSource>,
+    /// Guides for `lsdc`.
+    pub guides: Option<Guides<'a>>,
     /// Sizes and valid depths.
     pub protocol: Protocol,
     /// Which points.
@@ -54,7 +55,7 @@ pub struct Evaluation<'a> {
 }
 
 impl Evaluation<'_> {
-    /// The heading of the report. `dataset`, `described` (the protocol) and `weights` are words for people. What the
+    /// The heading of the report. `dataset`, `protocol_text` (the protocol) and `weights` are words for people. What the
     /// numbers depend on goes into [`Heading::made_from`]: the numerics, protocol, points, frames,
     /// methods with the complete settings of the fit, predictions by their contents, and `inputs`,
     /// which has what only the caller knows: the settings of the dataset and the weights by their
@@ -66,7 +67,7 @@ impl Evaluation<'_> {
     pub fn heading(
         &self,
         dataset: &str,
-        described: &str,
+        protocol_text: &str,
         weights: Option<String>,
         inputs: Value,
     ) -> Result<Heading> {
@@ -92,12 +93,15 @@ impl Evaluation<'_> {
             methods.insert(name.clone(), candidate.made_from()?);
         }
         let point_files = match points {
-            Pattern::Files(folder) => Some(provenance::folder(folder, &["npy", "png"])?),
+            Pattern::Files(folder) => Some(provenance::folder_hash(folder, &["npy", "png"])?),
             _ => None,
         };
-        let guides = guides.map(|source| {
-            let contents = provenance::folder(&source.path, &GUIDE_ENDINGS)?;
-            Ok::<_, Error>(json!([format!("{:?}", source.kind), contents]))
+        let guides = guides.map(|guides| match guides {
+            Guides::Files(source) => {
+                let contents = provenance::folder_hash(&source.path, &GUIDE_ENDINGS)?;
+                Ok::<_, Error>(json!([format!("{:?}", source.kind), contents]))
+            }
+            Guides::Predicted(network) => Ok(network.made_from()),
         });
         let ids: Vec<_> = (0..self.total()).map(|i| frames.id(i)).collect();
         let mut made_from = json!({
@@ -123,8 +127,8 @@ impl Evaluation<'_> {
         Ok(Heading {
             made_from,
             dataset: dataset.to_owned(),
-            found: frames.about(),
-            protocol: described.to_owned(),
+            found: frames.description(),
+            protocol: protocol_text.to_owned(),
             steps: protocol.to_string(),
             points: points.to_string(),
             hold_out: hold_out.map(|law| law.to_string()),
@@ -159,33 +163,34 @@ impl Evaluation<'_> {
         shard: Shard,
         mut journal: Journal,
         mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
-    ) -> Result<Report> {
-        let mine: Vec<usize> = (0..self.total())
+    ) -> Result<EvaluationReport> {
+        let shard_frames: Vec<usize> = (0..self.total())
             .filter(|&i| shard.holds(&self.frames.id(i)))
             .collect();
-        let mut report = Report::new(heading).of_part(shard);
-        let done = journal.take();
+        let mut report = EvaluationReport::new(heading).of_part(shard);
+        let done = journal.take_records();
         let finished = |index: &usize| {
             let id = self.frames.id(*index);
             let has = |seed: &u64| done.contains_key(&(id.clone(), *seed));
             self.seeds.iter().all(has)
         };
-        let (old, open): (Vec<usize>, Vec<usize>) = mine.iter().partition(|i| finished(i));
-        for index in &old {
+        let (measured, pending): (Vec<usize>, Vec<usize>) =
+            shard_frames.iter().partition(|i| finished(i));
+        for index in &measured {
             for seed in &self.seeds {
                 let record = &done[&(self.frames.id(*index), *seed)];
                 self.check_unchanged(*index, record)?;
                 report.add(record.clone())?;
             }
         }
-        let mut first = None;
-        let mut count = old.len();
-        for some in open.chunks(rayon::current_num_threads()) {
-            if progress(count, mine.len()).is_break() {
+        let mut first_error = None;
+        let mut count = measured.len();
+        for batch in pending.chunks(rayon::current_num_threads()) {
+            if progress(count, shard_frames.len()).is_break() {
                 break;
             }
-            let outcomes: Vec<_> = some.par_iter().map(|&i| self.measure(i)).collect();
-            for (&index, outcome) in some.iter().zip(outcomes) {
+            let outcomes: Vec<_> = batch.par_iter().map(|&i| self.measure(i)).collect();
+            for (&index, outcome) in batch.iter().zip(outcomes) {
                 match outcome {
                     Ok(records) => {
                         for record in records {
@@ -198,27 +203,30 @@ impl Evaluation<'_> {
                             frame: self.frames.id(index),
                             error: error.with_causes(),
                         });
-                        first.get_or_insert(error);
+                        first_error.get_or_insert(error);
                     }
                 }
             }
-            count += some.len();
+            count += batch.len();
         }
-        let _ = progress(count, mine.len());
-        match first {
+        let _ = progress(count, shard_frames.len());
+        match first_error {
             Some(error) if report.frames().is_empty() => Err(error),
             _ => Ok(report),
         }
     }
 
     /// The files of a frame as they are.
-    fn stamps(&self, index: usize) -> Vec<Stamp> {
+    fn stamps(&self, index: usize) -> Vec<FileStamp> {
         let files = self.frames.files(index);
-        files.iter().map(|path| provenance::stamp(path)).collect()
+        files
+            .iter()
+            .map(|path| provenance::file_stamp(path))
+            .collect()
     }
 
     /// Checks that a frame is still what it was when it was measured.
-    fn check_unchanged(&self, index: usize, record: &Record) -> Result<()> {
+    fn check_unchanged(&self, index: usize, record: &FrameRecord) -> Result<()> {
         let stamps = self.stamps(index);
         if stamps == record.files {
             return Ok(());
@@ -238,16 +246,16 @@ impl Evaluation<'_> {
     }
 
     /// One record for each seed.
-    fn measure(&self, index: usize) -> Result<Vec<Record>> {
+    fn measure(&self, index: usize) -> Result<Vec<FrameRecord>> {
         // In this order: what changes in between is noticed the next time.
         let files = self.stamps(index);
         let frame = self.frame(index)?;
-        let prepared = Prepared::new(self.completer, self.guides, &frame, self.uncertainty)?;
+        let prepared = PreparedFrame::new(self.completer, self.guides, &frame, self.uncertainty)?;
         self.seeds
             .iter()
             .map(|&seed| {
-                let Task { sparse, truth } = self.task(&frame, seed)?;
-                let far = distances(&sparse);
+                let CompletionTask { sparse, truth } = self.task(&frame, seed)?;
+                let point_distances = distances(&sparse);
                 let outcomes = self
                     .candidates
                     .iter()
@@ -256,15 +264,16 @@ impl Evaluation<'_> {
                             prepared.predict(candidate, &frame, &sparse, seed)?;
                         let certain = predicted_errors.as_ref().zip(self.sigma_cut);
                         let certain = certain.map(|(f, cut)| (&f.deviations, cut));
-                        Ok(Outcome {
+                        Ok(MethodOutcome {
                             scores: Scores::of(&depth, &truth, &self.rules)?,
-                            profile: Profile::of(&depth, &truth, &far),
-                            ranges: Some(Ranges::of(&depth, &truth, certain)),
-                            certainty: predicted_errors.map(|f| Certainty::of(&depth, &truth, &f)),
+                            profile: ErrorProfile::of(&depth, &truth, &point_distances),
+                            ranges: DepthRangeErrors::of(&depth, &truth, certain),
+                            uncertainty: predicted_errors
+                                .map(|f| UncertaintyScores::of(&depth, &truth, &f)),
                         })
                     })
                     .collect::<Result<_>>()?;
-                Ok(Record {
+                Ok(FrameRecord {
                     frame: frame.id.clone(),
                     seed,
                     points: sparse.count(),
@@ -281,13 +290,13 @@ impl Evaluation<'_> {
     ///
     /// # Errors
     /// No frame of this name, or one that cannot be measured.
-    pub fn exhibit(&self, role: &'static str, id: &str, seed: u64) -> Result<Exhibit> {
+    pub fn example(&self, role: &'static str, id: &str, seed: u64) -> Result<ExampleFrame> {
         let index = (0..self.frames.len())
             .find(|&i| self.frames.id(i) == id)
             .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
         let frame = self.frame(index)?;
-        let Task { sparse, truth } = self.task(&frame, seed)?;
-        let prepared = Prepared::new(self.completer, self.guides, &frame, false)?;
+        let CompletionTask { sparse, truth } = self.task(&frame, seed)?;
+        let prepared = PreparedFrame::new(self.completer, self.guides, &frame, false)?;
         let predictions = self
             .candidates
             .iter()
@@ -297,7 +306,7 @@ impl Evaluation<'_> {
                 Ok((name.clone(), scores[Metric::Rmse], depth))
             })
             .collect::<Result<_>>()?;
-        Ok(Exhibit {
+        Ok(ExampleFrame {
             role,
             frame: frame.id,
             rgb: frame.rgb,
@@ -325,8 +334,8 @@ impl Evaluation<'_> {
     /// The points of a frame under a seed, and the depths that are scored.
     ///
     /// # Errors
-    /// As [`Task::draw`].
-    pub fn task(&self, frame: &Frame, seed: u64) -> Result<Task> {
-        Task::draw(frame, &self.points, self.hold_out, self.noise, seed)
+    /// As [`CompletionTask::draw`].
+    pub fn task(&self, frame: &Frame, seed: u64) -> Result<CompletionTask> {
+        CompletionTask::draw(frame, &self.points, self.hold_out, self.noise, seed)
     }
 }

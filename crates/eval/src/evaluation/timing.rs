@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// Medians over all runs of completing a frame, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Times {
+pub struct CompletionTimes {
     /// Image to features.
     pub network_ms: f64,
     /// Basis functions at the points, and the solve.
@@ -30,7 +30,12 @@ pub struct Times {
 ///
 /// # Errors
 /// No runs, or a frame that cannot be completed.
-pub fn time(completer: &Completer, frame: &Frame, points: &Pattern, runs: usize) -> Result<Times> {
+pub fn time(
+    completer: &Completer,
+    frame: &Frame,
+    points: &Pattern,
+    runs: usize,
+) -> Result<CompletionTimes> {
     let sparse = points.draw(frame, 0)?;
     let mut times: Vec<[Duration; 6]> = Vec::with_capacity(runs);
     for run in 0..=runs {
@@ -46,7 +51,7 @@ pub fn time(completer: &Completer, frame: &Frame, points: &Pattern, runs: usize)
         }
     }
     let median = |of: usize| median_ms(times.iter().map(|stages| stages[of]));
-    Ok(Times {
+    Ok(CompletionTimes {
         network_ms: median(0)?,
         fit_ms: median(1)?,
         field_ms: median(2)?,

@@ -2,6 +2,7 @@
 
 use super::Rules;
 use crate::data::DepthMap;
+use crate::window;
 
 /// The mean over the edge pixels of the truth of the smallest |prediction - true depth in the
 /// window|, in metres; `None` without an edge.
@@ -12,7 +13,6 @@ pub(super) fn soft_edge_error(
 ) -> Option<f64> {
     let (width, height) = (truth.width(), truth.height());
     let reach = rules.see_window / 2;
-    let around = |i: usize, length: usize| i.saturating_sub(reach)..(i + reach + 1).min(length);
     let (mut sum, mut count) = (0.0, 0_usize);
     for y in 0..height {
         for x in 0..width {
@@ -21,8 +21,8 @@ pub(super) fn soft_edge_error(
             }
             let here = f64::from(prediction.at(x, y));
             let mut smallest = f64::INFINITY;
-            for v in around(y, height) {
-                for u in around(x, width) {
+            for v in window(y, reach, height) {
+                for u in window(x, reach, width) {
                     let depth = truth.at(u, v);
                     if depth > 0.0 {
                         smallest = smallest.min((here - f64::from(depth)).abs());

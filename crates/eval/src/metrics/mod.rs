@@ -1,18 +1,18 @@
 //! Errors of a dense depth map against the truth, and their averages. No tensors.
 
-mod certainty;
+mod accumulator;
 mod edge;
 mod paired;
 mod profile;
 mod ranges;
 mod rules;
 mod scores;
-mod tally;
+mod uncertainty;
 
-pub use certainty::{Certainty, LEVELS, PredictedErrors, SLICES, Slice};
-pub use paired::Difference;
-pub use profile::{Axis, Bin, Profile};
-pub use ranges::{Count, Ranges, STARTS, total};
+pub use accumulator::{ScoreAccumulator, mean_and_deviation};
+pub use paired::PairedDifference;
+pub use profile::{Axis, Bin, ErrorProfile};
+pub use ranges::{DepthRangeErrors, ErrorCount, RANGE_STARTS, total};
 pub use rules::Rules;
 pub use scores::{Metric, Scores};
-pub use tally::{Tally, deviation};
+pub use uncertainty::{LEVELS, PredictedErrors, SLICES, Slice, UncertaintyScores};

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// The mean difference of paired values and its 95 % confidence interval (Student's t).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Difference {
+pub struct PairedDifference {
     /// Mean of second minus first.
     pub mean: f64,
     /// Lower end of the interval.
@@ -18,7 +18,7 @@ pub struct Difference {
     pub pairs: usize,
 }
 
-impl Difference {
+impl PairedDifference {
     /// Compares pairs of (first, second); `None` for fewer than two finite ones.
     pub fn of(pairs: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let differences: Vec<f64> = pairs
@@ -51,12 +51,12 @@ mod tests {
     fn the_interval_of_a_known_sample() {
         // Differences 1, 2, 3, 4, 5: mean 3, standard error sqrt(2.5 / 5), t(4) = 2.776.
         let pairs = (1..=5).map(|d| (10.0, 10.0 + f64::from(d)));
-        let difference = Difference::of(pairs).unwrap();
+        let difference = PairedDifference::of(pairs).unwrap();
         assert_eq!(
             (difference.mean, difference.smaller, difference.pairs),
             (3.0, 0.0, 5)
         );
         assert!((difference.high - (3.0 + 2.7764 * 0.5_f64.sqrt())).abs() < 1e-3);
-        assert!(Difference::of([(1.0, 2.0)].into_iter()).is_none());
+        assert!(PairedDifference::of([(1.0, 2.0)].into_iter()).is_none());
     }
 }

@@ -77,7 +77,7 @@ impl From<Bin> for (u64, u64) {
 /// The absolute errors of a method along each axis.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Profile {
+pub struct ErrorProfile {
     /// Against true depth.
     pub depth: Vec<Bin>,
     /// Against the distance to the nearest sparse point.
@@ -86,7 +86,7 @@ pub struct Profile {
     pub error: Vec<Bin>,
 }
 
-impl Profile {
+impl ErrorProfile {
     /// Counts the pixels of a frame; `distances` are those to the nearest point, in pixels.
     pub fn of(prediction: &DepthMap, truth: &DepthMap, distances: &[f32]) -> Self {
         let mut profile = Self::default();
@@ -154,7 +154,7 @@ mod tests {
         let map = |values: [f32; 4]| DepthMap::new(4, 1, values.to_vec()).unwrap();
         let truth = map([1.0, 2.0, 0.0, 2.0]);
         let prediction = map([1.5, 2.0, 7.0, 2.25]);
-        let profile = Profile::of(&prediction, &truth, &[0.0, 1.0, 2.0, 3.0]);
+        let profile = ErrorProfile::of(&prediction, &truth, &[0.0, 1.0, 2.0, 3.0]);
         // 1 m is two octaves above 1/4 m, 2 m three.
         assert_eq!(profile.depth[9].mean(), Some(0.5));
         assert_eq!(profile.depth[13], Bin::from((2, 250_000)));

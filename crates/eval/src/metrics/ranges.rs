@@ -5,7 +5,7 @@ use crate::data::DepthMap;
 use serde::{Deserialize, Serialize};
 
 /// Where the ranges of true depth begin, in metres. Each ends where the next begins, the last nowhere.
-pub const STARTS: [f32; 5] = [0.0, 10.0, 20.0, 40.0, 80.0];
+pub const RANGE_STARTS: [f32; 5] = [0.0, 10.0, 20.0, 40.0, 80.0];
 
 /// A prediction is wrong for a driver where it differs from the truth by more than this factor.
 const FACTOR: f64 = 1.25;
@@ -13,7 +13,7 @@ const FACTOR: f64 = 1.25;
 /// The errors of some pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "[u64; 6]", into = "[u64; 6]")]
-pub struct Count {
+pub struct ErrorCount {
     /// How many pixels.
     pub pixels: u64,
     /// Their squared errors, each in whole square millimetres, summed.
@@ -28,7 +28,7 @@ pub struct Count {
     pub missed: u64,
 }
 
-impl From<[u64; 6]> for Count {
+impl From<[u64; 6]> for ErrorCount {
     fn from([pixels, squares, micrometres, millionths, phantom, missed]: [u64; 6]) -> Self {
         Self {
             pixels,
@@ -41,8 +41,8 @@ impl From<[u64; 6]> for Count {
     }
 }
 
-impl From<Count> for [u64; 6] {
-    fn from(count: Count) -> Self {
+impl From<ErrorCount> for [u64; 6] {
+    fn from(count: ErrorCount) -> Self {
         [
             count.pixels,
             count.squares,
@@ -54,7 +54,7 @@ impl From<Count> for [u64; 6] {
     }
 }
 
-impl Count {
+impl ErrorCount {
     fn count(&mut self, prediction: f64, truth: f64) {
         let error = (prediction - truth).abs();
         *self = self.plus(Self {
@@ -105,15 +105,15 @@ impl Count {
 /// The errors of a method by the true depth.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Ranges {
+pub struct DepthRangeErrors {
     /// Of all pixels.
-    pub all: [Count; STARTS.len()],
+    pub all: [ErrorCount; RANGE_STARTS.len()],
     /// Of the pixels whose standard deviation is small enough, if any were predicted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub certain: Option<[Count; STARTS.len()]>,
+    pub certain: Option<[ErrorCount; RANGE_STARTS.len()]>,
 }
 
-impl Ranges {
+impl DepthRangeErrors {
     /// Counts the pixels of a frame that have a true depth. `deviations` are the predicted standard deviations in metres,
     /// with the largest share of the predicted depth that a deviation of a certain pixel may have.
     pub fn of(
@@ -127,7 +127,7 @@ impl Ranges {
         };
         let pixels = prediction.values().iter().zip(truth.values()).enumerate();
         for (i, (&p, &d)) in pixels.filter(|(_, (_, d))| **d > 0.0) {
-            let range = STARTS.partition_point(|start| *start <= d) - 1;
+            let range = RANGE_STARTS.partition_point(|start| *start <= d) - 1;
             let (p, d) = (f64::from(p), f64::from(d));
             ranges.all[range].count(p, d);
             if let (Some(certain), Some((deviations, cut))) = (&mut ranges.certain, deviations)
@@ -141,7 +141,8 @@ impl Ranges {
 
     /// Adds other frames.
     pub fn add(&mut self, other: &Self) {
-        let add = |own: &mut [Count; STARTS.len()], other: &[Count; STARTS.len()]| {
+        let add = |own: &mut [ErrorCount; RANGE_STARTS.len()],
+                   other: &[ErrorCount; RANGE_STARTS.len()]| {
             for (own, other) in own.iter_mut().zip(other) {
                 *own = own.plus(*other);
             }
@@ -154,9 +155,9 @@ impl Ranges {
 }
 
 /// All ranges together.
-pub fn total(counts: &[Count]) -> Count {
+pub fn total(counts: &[ErrorCount]) -> ErrorCount {
     let counts = counts.iter().copied();
-    counts.fold(Count::default(), Count::plus)
+    counts.fold(ErrorCount::default(), ErrorCount::plus)
 }
 
 #[cfg(test)]
@@ -173,7 +174,7 @@ mod tests {
         let prediction = map(&[6.5, 8.5, 15.0, 3.0, 90.0, 50.0]);
         // 1.5 / 6.5 is above a tenth; 0.8 / 8.5 and all others are not.
         let deviations = map(&[1.5, 0.8, 1.5, 0.1, 9.0, 5.0]);
-        let ranges = Ranges::of(&prediction, &truth, Some((&deviations, 0.1)));
+        let ranges = DepthRangeErrors::of(&prediction, &truth, Some((&deviations, 0.1)));
         let pixels = ranges.all.map(|count| count.pixels);
         assert_eq!(pixels, [1, 2, 0, 1, 1]);
         let [near, next, empty, ..] = ranges.all;
@@ -195,13 +196,16 @@ mod tests {
 
     #[test]
     fn frames_add_and_survive_a_file() {
-        let of = |prediction: f32| Ranges::of(&map(&[prediction]), &map(&[12.0]), None);
+        let of = |prediction: f32| DepthRangeErrors::of(&map(&[prediction]), &map(&[12.0]), None);
         let mut sum = of(13.0);
         sum.add(&of(20.0));
         assert_eq!((sum.all[1].pixels, sum.all[1].missed), (2, 1));
         assert!((sum.all[1].mae() - 4.5).abs() < 1e-9);
         let text = serde_json::to_string(&sum).unwrap();
-        assert_eq!(serde_json::from_str::<Ranges>(&text).unwrap(), sum);
+        assert_eq!(
+            serde_json::from_str::<DepthRangeErrors>(&text).unwrap(),
+            sum
+        );
         let mut huge = sum.clone();
         huge.all[1].squares = u64::MAX - 1;
         huge.add(&sum);

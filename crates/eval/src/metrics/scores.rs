@@ -60,54 +60,39 @@ impl Metric {
         Self::See,
     ];
 
+    /// Name in files, name in tables, unit in tables.
+    fn names(self) -> [&'static str; 3] {
+        match self {
+            Self::Rmse => ["rmse", "RMSE", "m"],
+            Self::Mae => ["mae", "MAE", "m"],
+            Self::Irmse => ["irmse", "iRMSE", "1/km"],
+            Self::Imae => ["imae", "iMAE", "1/km"],
+            Self::Rel => ["rel", "REL", ""],
+            Self::Log10 => ["log10", "log10", ""],
+            Self::RmseLog => ["rmse_log", "RMSElog", ""],
+            Self::Delta102 => ["delta_1.02", "d1.02", "%"],
+            Self::Delta105 => ["delta_1.05", "d1.05", "%"],
+            Self::Delta110 => ["delta_1.10", "d1.10", "%"],
+            Self::Delta1 => ["delta1", "d1.25", "%"],
+            Self::Delta2 => ["delta2", "d1.25^2", "%"],
+            Self::Delta3 => ["delta3", "d1.25^3", "%"],
+            Self::See => ["see", "SEE", "m"],
+        }
+    }
+
     /// The name in files.
     pub fn key(self) -> &'static str {
-        match self {
-            Self::Rmse => "rmse",
-            Self::Mae => "mae",
-            Self::Irmse => "irmse",
-            Self::Imae => "imae",
-            Self::Rel => "rel",
-            Self::Log10 => "log10",
-            Self::RmseLog => "rmse_log",
-            Self::Delta102 => "delta_1.02",
-            Self::Delta105 => "delta_1.05",
-            Self::Delta110 => "delta_1.10",
-            Self::Delta1 => "delta1",
-            Self::Delta2 => "delta2",
-            Self::Delta3 => "delta3",
-            Self::See => "see",
-        }
+        self.names()[0]
     }
 
     /// The name in tables.
     pub fn label(self) -> &'static str {
-        match self {
-            Self::Rmse => "RMSE",
-            Self::Mae => "MAE",
-            Self::Irmse => "iRMSE",
-            Self::Imae => "iMAE",
-            Self::Rel => "REL",
-            Self::Log10 => "log10",
-            Self::RmseLog => "RMSElog",
-            Self::Delta102 => "d1.02",
-            Self::Delta105 => "d1.05",
-            Self::Delta110 => "d1.10",
-            Self::Delta1 => "d1.25",
-            Self::Delta2 => "d1.25^2",
-            Self::Delta3 => "d1.25^3",
-            Self::See => "SEE",
-        }
+        self.names()[1]
     }
 
     /// The unit in tables; values in files are in the same, shares excepted, which are fractions.
     pub fn unit(self) -> &'static str {
-        match self {
-            Self::Rmse | Self::Mae | Self::See => "m",
-            Self::Irmse | Self::Imae => "1/km",
-            Self::Rel | Self::Log10 | Self::RmseLog => "",
-            _ => "%",
-        }
+        self.names()[2]
     }
 
     /// Whether it is a share of good pixels, shown in per cent; everything else is an error.

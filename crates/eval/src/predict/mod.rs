@@ -1,8 +1,10 @@
 //! Image and sparse depths to dense depth: `lsdc-core`'s completer, and methods without training, by name.
 
+mod guide;
 mod method;
 mod preserve;
 
+pub use guide::{GuideSpec, Guides, MonocularGuide};
 pub use lsdc_classic::Classic;
 pub use method::{Method, SystemKind, complete_classic};
 pub use preserve::Preserve;
@@ -13,7 +15,7 @@ use lsdc_core::{Channels, Completer, Completion, DepthGuide, Image, Observations
 use lsdc_files::error::{Error, Result};
 use std::fmt::Debug;
 
-/// What the network says of an image.
+/// The features and basis functions of an image, ready for a fit.
 ///
 /// # Errors
 /// An image without pixels.
@@ -48,7 +50,7 @@ pub fn complete(completer: &Completer, rgb: &RgbImage, sparse: &DepthMap) -> Res
 }
 
 /// Completes the measurements of a map under the guidance of an image of its size.
-pub trait Completes: Debug + Send + Sync {
+pub trait DepthCompleter: Debug + Send + Sync {
     /// The depth of every pixel.
     ///
     /// # Errors
@@ -56,7 +58,7 @@ pub trait Completes: Debug + Send + Sync {
     fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap>;
 }
 
-impl Completes for Completer {
+impl DepthCompleter for Completer {
     fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         Ok(complete(self, rgb, sparse)?.depth()?)
     }

@@ -2,7 +2,7 @@
 
 use crate::data::DepthMap;
 use lsdc_core::Observations;
-use lsdc_core::nearest::Cells;
+use lsdc_core::nearest::NeighbourGrid;
 use lsdc_files::error::Result;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -64,15 +64,17 @@ impl Preserve {
             if !(x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64) {
                 continue;
             }
-            let off = ((u - x).powi(2) + (v - y).powi(2), point.depth);
-            let place = nearest.entry([y as usize, x as usize]).or_insert(off);
-            if off
+            let distance_and_depth = ((u - x).powi(2) + (v - y).powi(2), point.depth);
+            let nearest_so_far = nearest
+                .entry([y as usize, x as usize])
+                .or_insert(distance_and_depth);
+            if distance_and_depth
                 .0
-                .total_cmp(&place.0)
-                .then(off.1.total_cmp(&place.1))
+                .total_cmp(&nearest_so_far.0)
+                .then(distance_and_depth.1.total_cmp(&nearest_so_far.1))
                 .is_lt()
             {
-                *place = off;
+                *nearest_so_far = distance_and_depth;
             }
         }
         let mut values = depth.into_values();
@@ -81,62 +83,62 @@ impl Preserve {
                 values[y * width + x] = depth;
             }
         } else {
-            let places: Vec<[usize; 2]> = nearest.keys().map(|&[y, x]| [x, y]).collect();
+            let pixels: Vec<[usize; 2]> = nearest.keys().map(|&[y, x]| [x, y]).collect();
             let depths: Vec<f32> = nearest.values().map(|(_, depth)| *depth).collect();
-            blend(&mut values, width, &places, &depths);
+            blend(&mut values, width, &pixels, &depths);
         }
         Ok(DepthMap::new(width, height, values)?)
     }
 }
 
-fn blend(values: &mut [f32], width: usize, places: &[[usize; 2]], depths: &[f32]) {
+fn blend(values: &mut [f32], width: usize, pixels: &[[usize; 2]], depths: &[f32]) {
     /// Points that take part at a pixel (Shepard 1968).
-    const COUNT: usize = 6;
-    if places.is_empty() {
+    const NEIGHBOURS: usize = 6;
+    if pixels.is_empty() {
         return;
     }
     // Two thirds of the mean distance between points.
-    let reach = 0.67 * (values.len() as f64 / places.len() as f64).sqrt().max(1.5);
+    let radius = 0.67 * (values.len() as f64 / pixels.len() as f64).sqrt().max(1.5);
     // What was there, and what is to be added.
-    let residuals: Vec<[f64; 2]> = places
+    let residuals: Vec<[f64; 2]> = pixels
         .iter()
         .zip(depths)
-        .map(|(&[x, y], &given)| {
+        .map(|(&[x, y], &measured)| {
             let value = &mut values[y * width + x];
             if *value == 0.0 {
-                // A hole is filled, and says nothing of its neighbourhood.
-                *value = given;
+                // A hole is filled; its residual of 0 leaves the neighbourhood as it is.
+                *value = measured;
             }
-            let there = f64::from(*value);
-            [there, f64::from(given) - there]
+            let predicted = f64::from(*value);
+            [predicted, f64::from(measured) - predicted]
         })
         .collect();
-    let centres: Vec<_> = places.iter().map(|place| place.map(|v| v as f64)).collect();
-    let cells = Cells::new(&centres);
+    let centres: Vec<_> = pixels.iter().map(|pixel| pixel.map(|v| v as f64)).collect();
+    let cells = NeighbourGrid::new(&centres);
     values
         .par_chunks_mut(width)
         .enumerate()
         .for_each(|(y, row)| {
             for (x, value) in row.iter_mut().enumerate() {
-                let before = f64::from(*value);
-                if before == 0.0 {
+                let value_before = f64::from(*value);
+                if value_before == 0.0 {
                     continue;
                 }
-                let near = cells.nearest([x as f64, y as f64], COUNT);
-                let distance = near[0].0.sqrt();
-                if distance >= reach {
+                let neighbours = cells.nearest([x as f64, y as f64], NEIGHBOURS);
+                let distance = neighbours[0].0.sqrt();
+                if distance >= radius {
                     continue;
                 }
                 let (mut sum, mut total) = (0.0, 0.0);
-                for &(square, i) in &near {
+                for &(square, i) in &neighbours {
                     // At a point nothing else counts.
                     let weight = 1.0 / square.max(1e-9);
-                    let [there, residual] = residuals[i];
-                    sum += weight * residual * (before / there).min(1.0);
+                    let [predicted, residual] = residuals[i];
+                    sum += weight * residual * (value_before / predicted).min(1.0);
                     total += weight;
                 }
-                let fade = (1.0 - (distance / reach).powi(2)).powi(2);
-                *value = (before + fade * sum / total) as f32;
+                let fade = (1.0 - (distance / radius).powi(2)).powi(2);
+                *value = (value_before + fade * sum / total) as f32;
             }
         });
 }
@@ -155,7 +157,7 @@ mod tests {
         DepthMap::from_points(40, 30, &[at(5, 5, 3.0), at(30, 20, 1.5), at(39, 29, 2.0)])
     }
 
-    fn given(points: &DepthMap) -> Observations {
+    fn measured(points: &DepthMap) -> Observations {
         Observations::from_map(points)
     }
 
@@ -164,12 +166,12 @@ mod tests {
         let (flat, points) = (flat(), points());
         assert_eq!(
             Preserve::None
-                .apply(flat.clone(), &given(&points), (40, 30))
+                .apply(flat.clone(), &measured(&points), (40, 30))
                 .unwrap(),
             flat
         );
         let exact = Preserve::Exact
-            .apply(flat.clone(), &given(&points), (40, 30))
+            .apply(flat.clone(), &measured(&points), (40, 30))
             .unwrap();
         for (i, (value, point)) in exact.values().iter().zip(points.values()).enumerate() {
             let expected = if *point > 0.0 { *point } else { 2.0 };
@@ -181,7 +183,7 @@ mod tests {
     fn blend_meets_the_points_and_has_no_jump() {
         let (flat, points) = (flat(), points());
         let blended = Preserve::Blend
-            .apply(flat.clone(), &given(&points), (40, 30))
+            .apply(flat.clone(), &measured(&points), (40, 30))
             .unwrap();
         for p in points.points() {
             let value = blended.values()[p.y * 40 + p.x];
@@ -201,7 +203,7 @@ mod tests {
         let at = |x, y, depth| Point { x, y, depth };
         let points = DepthMap::from_points(40, 30, &[at(20, 15, 0.3), at(5, 5, 1.1)]);
         let blended = Preserve::Blend
-            .apply(depth.clone(), &given(&points), (40, 30))
+            .apply(depth.clone(), &measured(&points), (40, 30))
             .unwrap();
         assert_eq!(blended.count(), 1200);
         assert_eq!(blended.ignored(), 0);
@@ -221,7 +223,7 @@ mod tests {
         let at = |x, y, depth| Point { x, y, depth };
         let points = DepthMap::from_points(40, 30, &[at(5, 14, 3.0)]);
         let blended = Preserve::Blend
-            .apply(depth, &given(&points), (40, 30))
+            .apply(depth, &measured(&points), (40, 30))
             .unwrap();
         assert_eq!(blended.count(), 601);
         assert_eq!((blended.at(5, 14), blended.at(5, 15)), (3.0, 2.0));
@@ -231,7 +233,7 @@ mod tests {
     fn points_find_their_pixel_at_another_size() {
         let large = DepthMap::new(80, 60, vec![2.0; 4800]).unwrap();
         let exact = Preserve::Exact
-            .apply(large, &given(&points()), (40, 30))
+            .apply(large, &measured(&points()), (40, 30))
             .unwrap();
         assert_eq!(exact.values()[11 * 80 + 11], 3.0);
         assert_eq!(exact.values()[59 * 80 + 79], 2.0);

@@ -1,6 +1,6 @@
 //! Bar charts.
 
-use super::chart::{COLOURS, number, ticks};
+use super::chart::{COLOURS, ticks, x_axis};
 use super::drawing::{Drawing, escaped};
 use std::fmt::Write as _;
 
@@ -27,14 +27,14 @@ impl Bars<'_> {
     /// The bars as a picture.
     pub fn draw(&self) -> Drawing {
         let total = |row: &(String, Vec<f64>)| row.1.iter().sum::<f64>();
-        let most = self
+        let max_total = self
             .rows
             .iter()
             .map(total)
             .fold(0.0, f64::max)
             .max(f64::MIN_POSITIVE);
-        let x = |value: f64| LEFT + value / most * (WIDTH - LEFT - RIGHT);
-        let floor = TOP + ROW * self.rows.len() as f64;
+        let x = |value: f64| LEFT + value / max_total * (WIDTH - LEFT - RIGHT);
+        let bottom = TOP + ROW * self.rows.len() as f64;
         let mut body = format!(
             "<text class='title' x='10' y='16'>{}</text>",
             escaped(self.title)
@@ -50,18 +50,9 @@ impl Bars<'_> {
             );
             left += 90.0;
         }
-        for tick in ticks(0.0, most) {
-            let at = x(tick);
-            let _ = write!(
-                body,
-                "<path class='grid' d='M{at:.1} {TOP}V{floor}'/>\
-                 <text x='{at:.1}' y='{}' text-anchor='middle'>{}</text>",
-                floor + 15.0,
-                number(tick)
-            );
-        }
-        for (place, row) in self.rows.iter().enumerate() {
-            let top = TOP + ROW * place as f64;
+        x_axis(&mut body, &ticks(0.0, max_total), x, TOP, bottom);
+        for (index, row) in self.rows.iter().enumerate() {
+            let top = TOP + ROW * index as f64;
             let _ = write!(
                 body,
                 "<text x='{}' y='{}' text-anchor='end'>{}</text>",
@@ -69,22 +60,22 @@ impl Bars<'_> {
                 top + 17.0,
                 escaped(&row.0)
             );
-            let mut before = 0.0;
+            let mut start = 0.0;
             for (length, colour) in row.1.iter().zip(COLOURS) {
                 let _ = write!(
                     body,
                     "<rect x='{:.1}' y='{}' width='{:.1}' height='{}' fill='{colour}'/>",
-                    x(before),
+                    x(start),
                     top + 4.0,
-                    x(before + length) - x(before),
+                    x(start + length) - x(start),
                     ROW - 8.0
                 );
-                before += length;
+                start += length;
             }
             let _ = write!(
                 body,
-                "<text x='{:.1}' y='{}'>{before:.0} {}</text>",
-                x(before) + 5.0,
+                "<text x='{:.1}' y='{}'>{start:.0} {}</text>",
+                x(start) + 5.0,
                 top + 17.0,
                 self.unit
             );
@@ -92,7 +83,7 @@ impl Bars<'_> {
         Drawing {
             title: self.title.to_owned(),
             width: WIDTH,
-            height: floor + 24.0,
+            height: bottom + 24.0,
             body,
         }
     }

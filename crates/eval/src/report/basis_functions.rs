@@ -1,35 +1,35 @@
-//! Pictures of basis functions, and of which pixels they take for alike.
+//! Pictures of basis functions, and of the similarity of pixels in them.
 
-use super::{Drawing, Panel, Panels, Scale, signed};
+use super::{ColourScale, Drawing, Panel, Panels, diverging};
 use crate::predict::scene;
 use image::{Rgb, RgbImage};
 use lsdc_core::Completer;
 use lsdc_files::error::Result;
 
 /// Pixels of which the kernel is shown, as shares of width and height.
-const PLACES: [(f64, f64); 4] = [(0.2, 0.3), (0.75, 0.25), (0.3, 0.75), (0.7, 0.7)];
+const KERNEL_PIXELS: [(f64, f64); 4] = [(0.2, 0.3), (0.75, 0.25), (0.3, 0.75), (0.7, 0.7)];
 /// Basis functions on the contact sheet.
-const SHEET: usize = 30;
-const ACROSS: usize = 5;
+const MAX_FUNCTIONS: usize = 30;
+const COLUMNS: usize = 5;
 
 /// The scale of pictures of signed numbers, from blue to red.
-pub fn signed_scale(name: &str, most: f32) -> Scale {
-    Scale {
+pub fn diverging_scale(name: &str, limit: f32) -> ColourScale {
+    ColourScale {
         name: name.into(),
-        low: most,
-        high: -most,
+        low: limit,
+        high: -limit,
         unit: "",
         map: colorous::RED_BLUE,
     }
 }
 
 /// The learned basis functions of an image, less their means: values `[pixels, N]`, and N.
-fn functions(completer: &Completer, rgb: &RgbImage) -> Result<(Vec<f32>, usize)> {
+fn centred_functions(completer: &Completer, rgb: &RgbImage) -> Result<(Vec<f32>, usize)> {
     let (width, height) = rgb.dimensions();
     let pixels = 0..width * height;
-    let place = |pixel: u32| [f64::from(pixel % width), f64::from(pixel / width)];
-    let places: Vec<_> = pixels.clone().map(place).collect();
-    let rows = scene(completer, rgb)?.basis_functions(&places);
+    let position = |pixel: u32| [f64::from(pixel % width), f64::from(pixel / width)];
+    let positions: Vec<_> = pixels.clone().map(position).collect();
+    let rows = scene(completer, rgb)?.basis_functions(&positions);
     // The first is constant.
     let stride = rows.len() / pixels.len();
     let learned = rows.chunks_exact(stride).flat_map(|row| &row[1..]);
@@ -37,31 +37,31 @@ fn functions(completer: &Completer, rgb: &RgbImage) -> Result<(Vec<f32>, usize)>
     Ok((centred(&values, stride - 1), stride - 1))
 }
 
-/// An image, and for some of its pixels how alike the basis functions of all pixels are, from -1 to 1.
+/// An image, and for some of its pixels the correlation with the basis functions of all pixels, from -1 to 1.
 ///
 /// # Errors
 /// An image without pixels.
 pub fn kernels(completer: &Completer, rgb: RgbImage) -> Result<Vec<Panel>> {
     let (width, height) = (rgb.width() as usize, rgb.height() as usize);
-    let (centred, count) = functions(completer, &rgb)?;
+    let (centred, count) = centred_functions(completer, &rgb)?;
     let norms: Vec<f32> = centred
         .chunks_exact(count)
         .map(|row| dot(row, row).sqrt())
         .collect();
     let mut marked = rgb;
     let mut panels = Vec::new();
-    for (number, (across, down)) in (1..).zip(PLACES) {
+    for (number, (across, down)) in (1..).zip(KERNEL_PIXELS) {
         let (x, y) = (
             (across * width as f64) as usize,
             (down * height as f64) as usize,
         );
         let here = y * width + x;
         let own = &centred[here * count..][..count];
-        let alike = centred.chunks_exact(count).zip(&norms);
-        let alike: Vec<f32> = alike
+        let similarity = centred.chunks_exact(count).zip(&norms);
+        let similarity: Vec<f32> = similarity
             .map(|(row, norm)| dot(row, own) / (norm * norms[here]).max(f32::EPSILON))
             .collect();
-        let mut image = signed(&alike, width, 1.0);
+        let mut image = diverging(&similarity, width, 1.0);
         cross(&mut image, x, y, Rgb([0, 0, 0]));
         cross(&mut marked, x, y, Rgb([255, 230, 0]));
         panels.push(Panel {
@@ -85,16 +85,16 @@ pub fn kernels(completer: &Completer, rgb: RgbImage) -> Result<Vec<Panel>> {
 /// An image without pixels.
 pub fn contact_sheet(completer: &Completer, rgb: &RgbImage) -> Result<Drawing> {
     let width = rgb.width() as usize;
-    let (centred, count) = functions(completer, rgb)?;
-    let mut powers = vec![0.0_f32; count];
+    let (centred, count) = centred_functions(completer, rgb)?;
+    let mut square_sums = vec![0.0_f32; count];
     for row in centred.chunks_exact(count) {
-        powers
+        square_sums
             .iter_mut()
             .zip(row)
             .for_each(|(power, v)| *power += v * v);
     }
     let mut order: Vec<usize> = (0..count).collect();
-    order.sort_by(|&a, &b| powers[b].total_cmp(&powers[a]));
+    order.sort_by(|&a, &b| square_sums[b].total_cmp(&square_sums[a]));
     let pixels = centred.len() / count.max(1);
     let panel = |&function: &usize| {
         let map: Vec<f32> = centred
@@ -103,21 +103,21 @@ pub fn contact_sheet(completer: &Completer, rgb: &RgbImage) -> Result<Drawing> {
             .step_by(count)
             .copied()
             .collect();
-        let deviation = (powers[function] / pixels.max(1) as f32).sqrt();
+        let deviation = (square_sums[function] / pixels.max(1) as f32).sqrt();
         Panel {
             caption: format!("f{} ({deviation:.2})", function + 1),
-            image: signed(&map, width, 2.5 * deviation),
+            image: diverging(&map, width, 2.5 * deviation),
         }
     };
-    let panels: Vec<Panel> = order.iter().take(SHEET).map(panel).collect();
+    let panels: Vec<Panel> = order.iter().take(MAX_FUNCTIONS).map(panel).collect();
     let mut rows = vec![vec![Panel {
         caption: "image".into(),
         image: rgb.clone(),
     }]];
-    rows.extend(panels.chunks(ACROSS).map(<[Panel]>::to_vec));
+    rows.extend(panels.chunks(COLUMNS).map(<[Panel]>::to_vec));
     let panels = Panels {
         title: "Basis functions less their means, and their standard deviations".into(),
-        scales: vec![signed_scale("standard deviations", 2.5)],
+        scales: vec![diverging_scale("standard deviations", 2.5)],
         rows,
     };
     Ok(panels.draw())

@@ -8,31 +8,31 @@ use std::fmt::Write as _;
 pub struct Chart<'a> {
     /// What it shows.
     pub title: &'a str,
-    /// The horizontal axis, with its unit.
-    pub across: &'a str,
-    /// The vertical axis, with its unit.
-    pub up: &'a str,
+    /// The label of the horizontal axis, with its unit.
+    pub x_label: &'a str,
+    /// The label of the vertical axis, with its unit.
+    pub y_label: &'a str,
     /// Their scales.
-    pub scales: Scales,
+    pub scales: AxisScales,
     /// What is drawn; lines with names are listed beside the chart.
     pub lines: Vec<Line>,
 }
 
 /// How the axes of a chart run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scales {
+pub enum AxisScales {
     /// Both evenly, the vertical one from 0.
     Linear,
     /// The horizontal one logarithmically, the vertical one evenly from 0.
-    LogarithmicAcross,
+    LogX,
     /// Both logarithmically. Values that are not positive are left out.
-    Logarithmic,
+    LogLog,
 }
 
 /// A line of a chart.
 #[derive(Clone, Debug, Default)]
 pub struct Line {
-    /// What it shows; without a name, something else tells colours apart.
+    /// What it shows; without a name, the line is missing in the legend.
     pub name: Option<String>,
     /// Its place among the colours.
     pub colour: usize,
@@ -60,18 +60,13 @@ const NAMES: f64 = 150.0;
 const MARKED: usize = 24;
 
 impl Chart<'_> {
-    /// The chart as an `svg` element; nothing if there is nothing to show.
-    pub(super) fn svg(&self) -> String {
-        self.draw().inline()
-    }
-
     /// The chart as a picture.
     pub fn draw(&self) -> Drawing {
-        let shown = |line: &Line| -> Vec<(f64, f64)> {
-            let positive = |&(_, v): &(f64, f64)| self.scales != Scales::Logarithmic || v > 0.0;
+        let visible = |line: &Line| -> Vec<(f64, f64)> {
+            let positive = |&(_, v): &(f64, f64)| self.scales != AxisScales::LogLog || v > 0.0;
             line.points.iter().copied().filter(positive).collect()
         };
-        let all = || self.lines.iter().flat_map(shown);
+        let all = || self.lines.iter().flat_map(visible);
         let range = |of: fn((f64, f64)) -> f64| {
             all()
                 .map(of)
@@ -94,16 +89,16 @@ impl Chart<'_> {
         if right <= left {
             (left, right) = (0.5 * left, 2.0 * right);
         }
-        let [by_log, rising] = match self.scales {
-            Scales::Linear => [false; 2],
-            Scales::LogarithmicAcross => [true, false],
-            Scales::Logarithmic => [true; 2],
+        let [log_x, log_y] = match self.scales {
+            AxisScales::Linear => [false; 2],
+            AxisScales::LogX => [true, false],
+            AxisScales::LogLog => [true; 2],
         };
         top = if top > 0.0 { 1.05 * top } else { 1.0 };
-        low = if rising { low / 1.05 } else { 0.0 };
-        let x = |v: f64| LEFT + share(v, (left, right), by_log) * (WIDTH - LEFT - RIGHT);
-        let y = |v: f64| HEIGHT - BOTTOM - share(v, (low, top), rising) * (HEIGHT - BOTTOM - TOP);
-        let marks = |by_log, low, high| {
+        low = if log_y { low / 1.05 } else { 0.0 };
+        let x = |v: f64| LEFT + share(v, (left, right), log_x) * (WIDTH - LEFT - RIGHT);
+        let y = |v: f64| HEIGHT - BOTTOM - share(v, (low, top), log_y) * (HEIGHT - BOTTOM - TOP);
+        let axis_ticks = |by_log, low, high| {
             if by_log {
                 logarithmic_ticks(low, high)
             } else {
@@ -120,11 +115,11 @@ impl Chart<'_> {
              <text transform='translate(14 {}) rotate(-90)' text-anchor='middle'>{}</text>",
             escaped(self.title),
             HEIGHT - 6.0,
-            escaped(self.across),
+            escaped(self.x_label),
             0.5 * (TOP + floor),
-            escaped(self.up)
+            escaped(self.y_label)
         );
-        for tick in marks(rising, low, top) {
+        for tick in axis_ticks(log_y, low, top) {
             let at = y(tick);
             let _ = write!(
                 svg,
@@ -136,18 +131,9 @@ impl Chart<'_> {
                 number(tick)
             );
         }
-        for tick in marks(by_log, left, right) {
-            let at = x(tick);
-            let _ = write!(
-                svg,
-                "<path class='grid' d='M{at:.1} {TOP}V{floor}'/>\
-                 <text x='{at:.1}' y='{}' text-anchor='middle'>{}</text>",
-                floor + 15.0,
-                number(tick)
-            );
-        }
+        x_axis(svg, &axis_ticks(log_x, left, right), x, TOP, floor);
         for line in &self.lines {
-            let points = shown(line);
+            let points = visible(line);
             let path: Vec<String> = points
                 .iter()
                 .map(|&(u, v)| format!("{:.1} {:.1}", x(u), y(v)))
@@ -174,16 +160,16 @@ impl Chart<'_> {
             .lines
             .iter()
             .filter_map(|line| Some((line, line.name.as_ref()?)));
-        for (place, (line, name)) in names.enumerate() {
-            let (at, high) = (WIDTH - RIGHT + 12.0, TOP + 8.0 + 17.0 * place as f64);
+        for (index, (line, name)) in names.enumerate() {
+            let (left, y) = (WIDTH - RIGHT + 12.0, TOP + 8.0 + 17.0 * index as f64);
             let _ = write!(
                 svg,
-                "<path d='M{at} {high}h18' stroke='{}' stroke-width='2.4'{}/>\
+                "<path d='M{left} {y}h18' stroke='{}' stroke-width='2.4'{}/>\
                  <text x='{}' y='{}'>{}</text>",
                 COLOURS[line.colour % COLOURS.len()],
                 dashes(line.dashed),
-                at + 24.0,
-                high + 4.0,
+                left + 24.0,
+                y + 4.0,
                 escaped(name)
             );
         }
@@ -234,13 +220,29 @@ fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
         .collect()
 }
 
-pub(super) fn number(value: f64) -> String {
-    let text = format!("{value:.4}");
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        text
+/// Adds vertical grid lines at `ticks`, from `top` to `bottom`, with their values below. `x` maps values to positions.
+pub(super) fn x_axis(
+    svg: &mut String,
+    ticks: &[f64],
+    x: impl Fn(f64) -> f64,
+    top: f64,
+    bottom: f64,
+) {
+    for &tick in ticks {
+        let at = x(tick);
+        let _ = write!(
+            svg,
+            "<path class='grid' d='M{at:.1} {top}V{bottom}'/>\
+             <text x='{at:.1}' y='{}' text-anchor='middle'>{}</text>",
+            bottom + 15.0,
+            number(tick)
+        );
     }
+}
+
+fn number(value: f64) -> String {
+    let text = format!("{value:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 #[cfg(test)]
@@ -249,13 +251,13 @@ mod tests {
 
     #[test]
     fn a_logarithmic_axis_has_equal_steps_for_equal_ratios() {
-        let places = [0.05, 0.5, 5.0].map(|v| share(v, (0.05, 5.0), true));
-        assert!((places[1] - 0.5).abs() < 1e-12 && places[0] == 0.0 && places[2] == 1.0);
+        let shares = [0.05, 0.5, 5.0].map(|v| share(v, (0.05, 5.0), true));
+        assert!((shares[1] - 0.5).abs() < 1e-12 && shares[0] == 0.0 && shares[2] == 1.0);
         let chart = Chart {
             title: "RMSE",
-            across: "points",
-            up: "m",
-            scales: Scales::Logarithmic,
+            x_label: "points",
+            y_label: "m",
+            scales: AxisScales::LogLog,
             lines: vec![Line {
                 points: vec![(5.0, 1.0), (50.0, 0.0), (500.0, 0.1)],
                 ..Line::default()

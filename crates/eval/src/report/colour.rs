@@ -7,16 +7,21 @@ use image::{Rgb, RgbImage};
 /// of d3, which is up to 34 levels of 255 from the published table; black where there is no depth.
 pub fn coloured(depth: &DepthMap, low: f32, high: f32) -> RgbImage {
     let span = (high - low).max(f32::EPSILON);
-    painted(depth, |d| {
-        (d > 0.0).then(|| colorous::TURBO.eval_continuous(share((d - low) / span)))
+    RgbImage::from_fn(depth.width() as u32, depth.height() as u32, |x, y| {
+        let depth = depth.at(x as usize, y as usize);
+        if depth == 0.0 {
+            return Rgb([0; 3]);
+        }
+        let colour = colorous::TURBO.eval_continuous(share((depth - low) / span));
+        Rgb(colour.into_array())
     })
 }
 
-/// A red-blue colour map from -`most` (blue) over 0 (white) to `most` (red), of values row by row.
-pub fn signed(values: &[f32], width: usize, most: f32) -> RgbImage {
+/// A red-blue colour map from -`limit` (blue) over 0 (white) to `limit` (red), of values row by row.
+pub fn diverging(values: &[f32], width: usize, limit: f32) -> RgbImage {
     let height = values.len() / width.max(1);
     RgbImage::from_fn(width as u32, height as u32, |x, y| {
-        let value = values[y as usize * width + x as usize] / most.max(f32::EPSILON);
+        let value = values[y as usize * width + x as usize] / limit.max(f32::EPSILON);
         let colour = colorous::RED_BLUE.eval_continuous(share(0.5 - 0.5 * value));
         Rgb(colour.into_array())
     })
@@ -33,13 +38,6 @@ pub(super) fn errors(prediction: &DepthMap, truth: &DepthMap, high: f32) -> RgbI
         }
         let error = (prediction.at(x, y) - depth).abs() / high.max(f32::EPSILON);
         Rgb(colorous::INFERNO.eval_continuous(share(error)).into_array())
-    })
-}
-
-fn painted(depth: &DepthMap, colour: impl Fn(f32) -> Option<colorous::Color>) -> RgbImage {
-    RgbImage::from_fn(depth.width() as u32, depth.height() as u32, |x, y| {
-        let value = depth.at(x as usize, y as usize);
-        Rgb(colour(value).map_or([0; 3], colorous::Color::into_array))
     })
 }
 

@@ -2,16 +2,16 @@
 
 use super::colour::coloured;
 use super::drawing::Drawing;
-use super::panels::Scale;
+use super::panels::ColourScale;
 use crate::data::DepthMap;
 use image::{RgbImage, imageops};
 use lsdc_files::error::{Error, Result};
 
 /// Units of a drawing: the height of the strip below a map, and the width that its scale takes.
-const STRIP: f64 = 20.0;
+const STRIP_HEIGHT: f64 = 20.0;
 const WIDTH: f64 = 290.0;
 /// Images that are wider have larger letters.
-const WIDE: f64 = 640.0;
+const REFERENCE_WIDTH: f64 = 640.0;
 
 /// Returns the depths from which to which colours are spread: those of the middle 98 % of the pixels, so that a few stray
 /// ones leave the others their colours. `None` without a depth.
@@ -36,16 +36,16 @@ pub fn usual_range(depth: &DepthMap) -> Option<(f32, f32)> {
 pub fn colour_map(depth: &DepthMap, low: f32, high: f32, unit: &'static str) -> Result<RgbImage> {
     let map = coloured(depth, low, high);
     let (width, height) = map.dimensions();
-    let fineness = (f64::from(width) / WIDTH)
+    let pixels_per_unit = (f64::from(width) / WIDTH)
         .min(1.0)
-        .max(f64::from(width) / WIDE);
+        .max(f64::from(width) / REFERENCE_WIDTH);
     let mut drawing = Drawing {
         title: "scale of depths".to_owned(),
-        width: f64::from(width) / fineness,
-        height: STRIP,
+        width: f64::from(width) / pixels_per_unit,
+        height: STRIP_HEIGHT,
         body: String::new(),
     };
-    let scale = Scale {
+    let scale = ColourScale {
         name: "depth".to_owned(),
         low,
         high,
@@ -53,14 +53,14 @@ pub fn colour_map(depth: &DepthMap, low: f32, high: f32, unit: &'static str) -> 
         map: colorous::TURBO,
     };
     scale.draw(&mut drawing.body, 4.0, 4.0);
-    let strip = drawing.image(fineness as f32)?;
-    let below = strip.height().next_multiple_of(2);
+    let strip = drawing.image(pixels_per_unit as f32)?;
+    let strip_height = strip.height().next_multiple_of(2);
     let mut pixels = map.into_raw();
-    pixels.resize(3 * width as usize * (height + below) as usize, 255);
-    let whole = RgbImage::from_raw(width, height + below, pixels);
-    let mut whole = whole.ok_or_else(|| Error::shape("a depth map of no size"))?;
-    imageops::replace(&mut whole, &strip, 0, i64::from(height));
-    Ok(whole)
+    pixels.resize(3 * width as usize * (height + strip_height) as usize, 255);
+    let combined = RgbImage::from_raw(width, height + strip_height, pixels);
+    let mut combined = combined.ok_or_else(|| Error::shape("a depth map of no size"))?;
+    imageops::replace(&mut combined, &strip, 0, i64::from(height));
+    Ok(combined)
 }
 
 #[cfg(test)]
@@ -86,13 +86,18 @@ mod tests {
             let values = (0..width * height).map(|i| 1.0 + (i % width) as f32);
             let depth = DepthMap::new(width, height, values.collect()).unwrap();
             let (low, high) = (1.0, width as f32);
-            let whole = colour_map(&depth, low, high, "m").unwrap();
-            let map = imageops::crop_imm(&whole, 0, 0, width as u32, height as u32).to_image();
+            let combined = colour_map(&depth, low, high, "m").unwrap();
+            let map = imageops::crop_imm(&combined, 0, 0, width as u32, height as u32).to_image();
             assert_eq!(map, coloured(&depth, low, high));
-            let strip = whole.height() - height as u32;
+            let strip = combined.height() - height as u32;
             assert_eq!(strip % 2, 0);
             // Blue, red, and black on white.
-            let pixels: Vec<_> = whole.rows().skip(height).flatten().map(|p| p.0).collect();
+            let pixels: Vec<_> = combined
+                .rows()
+                .skip(height)
+                .flatten()
+                .map(|p| p.0)
+                .collect();
             let any = |is: fn([u8; 3]) -> bool| pixels.iter().any(|&p| is(p));
             assert!(any(|p| p == [255; 3]), "{width}");
             if width > 300 {

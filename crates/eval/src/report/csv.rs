@@ -1,12 +1,12 @@
 //! One line per frame, seed and method.
 
-use super::Report;
+use super::EvaluationReport;
 use crate::data::write_atomically;
 use crate::metrics::Metric;
 use lsdc_files::error::Result;
 use std::path::Path;
 
-impl Report {
+impl EvaluationReport {
     /// Writes `frame,seed,method,points` and every measure; an empty field means none.
     ///
     /// # Errors

@@ -1,18 +1,19 @@
 //! Error against the number of points: one evaluation for each number.
 
-use super::chart::{Chart, Line, Scales};
-use super::drawing::escaped;
-use super::html::{begin, legend};
-use super::text::shown;
-use super::{Heading, Report};
-use crate::data::write_atomically;
+use super::chart::{AxisScales, Chart, Line};
+use super::html::write_charts;
+use super::text::formatted;
+use super::{Column, EvaluationReport, Heading};
 use crate::metrics::{Metric, Scores};
 use lsdc_files::error::{Error, Result};
-use std::fmt::{Display, Formatter, Write as _};
+use std::fmt::{Display, Formatter};
 use std::path::Path;
 
-/// A heading that says nothing of the points.
-fn but_for_points(report: &Report) -> Heading {
+/// What charts and tables show.
+const METRICS: [Metric; 2] = [Metric::Rmse, Metric::Rel];
+
+/// A heading without the points.
+fn without_points(report: &EvaluationReport) -> Heading {
     let mut heading = report.heading().clone();
     heading.points.clear();
     if let Some(made_from) = heading.made_from.as_object_mut() {
@@ -36,19 +37,19 @@ impl Curve {
     ///
     /// # Errors
     /// None, or reports that measure something else.
-    pub fn of(reports: &[Report]) -> Result<Self> {
+    pub fn of(reports: &[EvaluationReport]) -> Result<Self> {
         let first = reports
             .first()
             .ok_or_else(|| Error::config("there is no report to draw"))?;
         for other in reports {
-            if let Some(difference) = but_for_points(first).difference(&but_for_points(other)) {
+            if let Some(difference) = without_points(first).difference(&without_points(other)) {
                 return Err(Error::config(format!(
                     "the reports do not belong to one curve: {difference}"
                 ))
                 .hint("everything but the points must be equal"));
             }
         }
-        let row = |report: &Report| {
+        let row = |report: &EvaluationReport| {
             let frames = report.frames();
             let points: usize = frames.values().map(|f| f.points).sum();
             let means = report.means(None).into_iter();
@@ -71,41 +72,35 @@ impl Curve {
     /// # Errors
     /// The file cannot be written.
     pub fn write_html(&self, path: &Path) -> Result<()> {
-        let mut page = begin(&format!("Error against points on {}", self.dataset));
-        page.push_str(&legend(&self.methods));
-        page.push_str("<div class='charts'>");
-        for metric in [Metric::Rmse, Metric::Rel] {
-            let lines = (0..self.methods.len()).map(|colour| Line {
+        let labels = METRICS.map(|metric| Column::of(metric).heading());
+        let charts = METRICS.into_iter().zip(&labels).map(|(metric, label)| {
+            let points = |method: usize| {
+                let rows = self.rows.iter();
+                rows.map(|(n, scores)| (*n, scores[method][metric]))
+                    .collect()
+            };
+            let line = |colour: usize| Line {
                 colour,
-                points: self
-                    .rows
-                    .iter()
-                    .map(|(n, s)| (*n, s[colour][metric]))
-                    .collect(),
+                points: points(colour),
                 ..Line::default()
-            });
-            let up = match metric.unit() {
-                "" => metric.label().to_owned(),
-                unit => format!("{}, {unit}", metric.label()),
             };
-            let chart = Chart {
+            Chart {
                 title: metric.label(),
-                across: "sparse points",
-                up: &up,
-                scales: Scales::LogarithmicAcross,
-                lines: lines.collect(),
-            };
-            page.push_str(&chart.svg());
-        }
-        let table = escaped(&self.to_string());
-        let _ = writeln!(page, "</div><pre>{table}</pre></body></html>");
-        write_atomically(path, |out| out.write_all(page.as_bytes()))
+                x_label: "sparse points",
+                y_label: label,
+                scales: AxisScales::LogX,
+                lines: (0..self.methods.len()).map(line).collect(),
+            }
+        });
+        let charts: Vec<Chart<'_>> = charts.collect();
+        let title = format!("Error against points on {}", self.dataset);
+        write_charts(path, &title, &self.methods, &charts, &self.to_string())
     }
 }
 
 impl Display for Curve {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        for metric in [Metric::Rmse, Metric::Rel] {
+        for metric in METRICS {
             write!(f, "{:<10}", metric.label())?;
             for method in &self.methods {
                 write!(f, " {method:>10}")?;
@@ -114,7 +109,7 @@ impl Display for Curve {
             for (points, scores) in &self.rows {
                 write!(f, "{points:<10.0}")?;
                 for scores in scores {
-                    write!(f, " {:>10}", shown(metric, scores[metric]))?;
+                    write!(f, " {:>10}", formatted(metric, scores[metric]))?;
                 }
                 writeln!(f)?;
             }

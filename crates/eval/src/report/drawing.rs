@@ -9,7 +9,7 @@ use resvg::usvg::{Options, Tree};
 use std::io::Cursor;
 
 /// Pixels of a raster image to a unit of a drawing.
-const FINENESS: f32 = 2.0;
+const PIXELS_PER_UNIT: f32 = 2.0;
 
 /// A picture of lines, text and images.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,14 +26,13 @@ impl Drawing {
         if self.body.is_empty() {
             return String::new();
         }
-        let Self {
-            title,
-            width,
-            height,
-            body,
-        } = self;
-        let title = escaped(title);
-        format!("<svg viewBox='0 0 {width} {height}' role='img'><title>{title}</title>{body}</svg>")
+        format!(
+            "<svg viewBox='0 0 {} {}' role='img'><title>{}</title>{}</svg>",
+            self.width,
+            self.height,
+            escaped(&self.title),
+            self.body
+        )
     }
 
     /// As a document of its own.
@@ -58,16 +57,16 @@ impl Drawing {
     /// # Errors
     /// A drawing without extent.
     pub fn png(&self) -> Result<Vec<u8>> {
-        let pixmap = self.pixmap(FINENESS)?;
-        pixmap.encode_png().map_err(|e| self.broken(e))
+        let pixmap = self.pixmap(PIXELS_PER_UNIT)?;
+        pixmap.encode_png().map_err(|e| self.draw_error(e))
     }
 
     /// As an image of so many pixels to a unit.
     ///
     /// # Errors
     /// A drawing without extent.
-    pub(super) fn image(&self, fineness: f32) -> Result<RgbImage> {
-        let pixmap = self.pixmap(fineness)?;
+    pub(super) fn image(&self, pixels_per_unit: f32) -> Result<RgbImage> {
+        let pixmap = self.pixmap(pixels_per_unit)?;
         let pixel = |x: u32, y: u32| {
             // The background is opaque.
             let found = pixmap.pixel(x, y).map(|p| [p.red(), p.green(), p.blue()]);
@@ -76,11 +75,11 @@ impl Drawing {
         Ok(RgbImage::from_fn(pixmap.width(), pixmap.height(), pixel))
     }
 
-    fn broken(&self, cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Error {
+    fn draw_error(&self, cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Error {
         Error::new(Cause::Write, format!("cannot draw `{}`", self.title)).because(cause)
     }
 
-    fn pixmap(&self, fineness: f32) -> Result<Pixmap> {
+    fn pixmap(&self, pixels_per_unit: f32) -> Result<Pixmap> {
         let mut options = Options {
             font_family: "DejaVu Sans".to_owned(),
             ..Options::default()
@@ -88,19 +87,19 @@ impl Drawing {
         let fonts = options.fontdb_mut();
         fonts.load_font_data(dejavu::sans::regular().to_vec());
         fonts.set_sans_serif_family("DejaVu Sans");
-        let tree = Tree::from_str(&self.document(), &options).map_err(|e| self.broken(e))?;
+        let tree = Tree::from_str(&self.document(), &options).map_err(|e| self.draw_error(e))?;
         let size = tree.size();
-        let pixels = |length: f32| (length * fineness).ceil() as u32;
+        let pixels = |length: f32| (length * pixels_per_unit).ceil() as u32;
         let mut pixmap = Pixmap::new(pixels(size.width()), pixels(size.height()))
-            .ok_or_else(|| self.broken("it has no extent"))?;
-        let scale = Transform::from_scale(fineness, fineness);
+            .ok_or_else(|| self.draw_error("it has no extent"))?;
+        let scale = Transform::from_scale(pixels_per_unit, pixels_per_unit);
         resvg::render(&tree, scale, &mut pixmap.as_mut());
         Ok(pixmap)
     }
 }
 
 /// An image as the address of itself.
-pub(super) fn encoded(image: &RgbImage) -> String {
+pub(super) fn data_url(image: &RgbImage) -> String {
     let mut bytes = Cursor::new(Vec::new());
     // Writing to memory fails for images without pixels alone.
     let written = image.write_to(&mut bytes, ImageFormat::Png);

@@ -1,12 +1,13 @@
 //! One page that needs nothing else: tables, charts, and pictures of remarkable frames.
 
-use super::chart::{COLOURS, Chart, Line, Scales};
+use super::chart::{AxisScales, COLOURS, Chart, Line};
 use super::colour::{coloured, errors};
-use super::drawing::{encoded, escaped};
-use super::text::{TABLES, shown};
-use super::{Failure, Mean, Report};
-use crate::data::{DepthMap, Place, write_atomically};
-use crate::metrics::{Axis, Bin, Certainty, Metric};
+use super::drawing::{data_url, escaped};
+use super::text::{TABLES, formatted};
+use super::{EvaluationReport, Failure, Mean};
+use crate::data::{DepthMap, Environment, write_atomically};
+use crate::metrics::{Axis, Bin, Metric, UncertaintyScores};
+use crate::window;
 use image::RgbImage;
 use lsdc_files::error::Result;
 use std::fmt::Write as _;
@@ -14,9 +15,9 @@ use std::path::Path;
 
 /// A frame to be shown.
 #[derive(Clone, Debug)]
-pub struct Exhibit {
+pub struct ExampleFrame {
     /// Why it is shown: `worst`, `median` or `best`.
-    pub role: Role,
+    pub role: &'static str,
     /// The frame's name.
     pub frame: String,
     /// The colour image.
@@ -29,25 +30,22 @@ pub struct Exhibit {
     pub predictions: Vec<(String, f64, DepthMap)>,
 }
 
-/// Why a frame is shown.
-pub type Role = &'static str;
-
-impl Report {
+impl EvaluationReport {
     /// Writes the page.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn write_html(&self, path: &Path, exhibits: &[Exhibit]) -> Result<()> {
-        let page = self.to_html(exhibits);
+    pub fn write_html(&self, path: &Path, examples: &[ExampleFrame]) -> Result<()> {
+        let page = self.to_html(examples);
         write_atomically(path, |out| out.write_all(page.as_bytes()))
     }
 
     /// The page.
-    pub fn to_html(&self, exhibits: &[Exhibit]) -> String {
+    pub fn to_html(&self, examples: &[ExampleFrame]) -> String {
         let mut page = begin(&format!("Depth completion on {}", self.heading.dataset));
         page.push_str("<table class='preface'>");
         for (name, text) in self.preface() {
-            let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", marked(&text));
+            let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", markup(&text));
         }
         page.push_str("</table>\n<h2>Errors</h2>");
         page.push_str(&tables(&self.means(None)));
@@ -55,8 +53,8 @@ impl Report {
         if places.len() > 1 {
             for place in places {
                 let name = match place {
-                    Place::Indoor => "Indoor",
-                    Place::Outdoor => "Outdoor",
+                    Environment::Indoor => "Indoor",
+                    Environment::Outdoor => "Outdoor",
                 };
                 let _ = write!(page, "<h3>{name}</h3>{}", tables(&self.means(Some(place))));
             }
@@ -65,7 +63,7 @@ impl Report {
             .iter()
             .for_each(|table| page.push_str(&table.html()));
         if let Some(about) = self.about_ranges() {
-            let _ = write!(page, "<h2>Errors by depth</h2><p>{}.</p>", marked(&about));
+            let _ = write!(page, "<h2>Errors by depth</h2><p>{}.</p>", markup(&about));
         }
         self.by_depth()
             .iter()
@@ -75,23 +73,18 @@ impl Report {
             .into_iter()
             .chain(self.predicted_errors())
         {
-            let _ = write!(page, "<p>{}.</p>", marked(&line));
+            let _ = write!(page, "<p>{}.</p>", markup(&line));
         }
         page.push_str("\n<h2>Where the errors are</h2>");
         page.push_str(&self.charts());
-        if !exhibits.is_empty() {
+        if !examples.is_empty() {
             page.push_str("\n<h2>Frames</h2>");
         }
-        for exhibit in exhibits {
-            page.push_str(&exhibited(exhibit));
+        for example in examples {
+            page.push_str(&example_html(example));
         }
         page.push_str(&failed(&self.failures));
-        let _ = write!(
-            page,
-            "\n<p class='spread'>lsdc {}</p></body></html>\n",
-            env!("CARGO_PKG_VERSION")
-        );
-        page
+        page + END
     }
 
     fn charts(&self) -> String {
@@ -104,20 +97,18 @@ impl Report {
             };
             (0..methods.len()).map(line).collect()
         };
-        // A bin with few pixels says nothing: it needs a thousandth of all.
+        // A mean over few pixels is noise: a bin needs a thousandth of all.
         let curve = |axis: Axis, method: usize| -> Vec<(f64, f64)> {
-            let bins = self.profiles[method].along(axis);
+            let bins = self.sums[method].profile.along(axis);
             let all: u64 = bins.iter().map(|b| b.pixels).sum();
-            let enough = |bin: &&(usize, &Bin)| 1000 * bin.1.pixels >= all;
-            let points = bins.iter().enumerate().collect::<Vec<_>>();
-            points
-                .iter()
-                .filter(enough)
-                .filter_map(|(i, bin)| Some((axis.middle(*i), bin.mean()?)))
+            bins.iter()
+                .enumerate()
+                .filter(|(_, bin)| 1000 * bin.pixels >= all)
+                .filter_map(|(i, bin)| Some((axis.middle(i), bin.mean()?)))
                 .collect()
         };
         let sizes = |method: usize| -> Vec<(f64, f64)> {
-            let bins = self.profiles[method].along(Axis::Error);
+            let bins = self.sums[method].profile.along(Axis::Error);
             let all: u64 = bins.iter().map(|b| b.pixels).sum();
             let share = |bin: &Bin| 100.0 * bin.pixels as f64 / all.max(1) as f64;
             bins.iter()
@@ -137,14 +128,17 @@ impl Report {
                 .collect()
         };
         // By the prediction, and at best.
-        let mut left = Vec::new();
-        for (colour, certainty) in self.certainties.iter().enumerate() {
-            let curve = certainty.iter().flat_map(Certainty::sparsification);
+        let mut sparsification = Vec::new();
+        for (colour, sums) in self.sums.iter().enumerate() {
+            let curve = sums
+                .uncertainty
+                .iter()
+                .flat_map(UncertaintyScores::sparsification);
             let (found, best) = curve
                 .map(|(share, found, best)| ((100.0 * share, found), (100.0 * share, best)))
                 .unzip();
             for (dashed, points) in [(false, found), (true, best)] {
-                left.push(Line {
+                sparsification.push(Line {
                     colour,
                     dashed,
                     points,
@@ -152,103 +146,109 @@ impl Report {
                 });
             }
         }
-        let mut held = vec![Line {
+        let mut calibration = vec![Line {
             colour: 0,
             dashed: true,
             points: vec![(0.0, 0.0), (100.0, 100.0)],
             ..Line::default()
         }];
-        for (colour, certainty) in self.certainties.iter().enumerate() {
-            let pairs = certainty.iter().flat_map(Certainty::calibration);
-            held.push(Line {
+        for (colour, sums) in self.sums.iter().enumerate() {
+            let pairs = sums
+                .uncertainty
+                .iter()
+                .flat_map(UncertaintyScores::calibration);
+            calibration.push(Line {
                 colour,
                 points: pairs.map(|(a, b)| (100.0 * a, 100.0 * b)).collect(),
                 ..Line::default()
             });
         }
-        if self.certainties.iter().all(Option::is_none) {
-            held.clear();
+        if self.sums.iter().all(|sums| sums.uncertainty.is_none()) {
+            calibration.clear();
         }
         let charts = [
             Chart {
                 title: "Errors that intervals hold (dashed: ideal)",
-                across: "level of the interval, %",
-                up: "errors within, %",
-                scales: Scales::Linear,
-                lines: held,
+                x_label: "level of the interval, %",
+                y_label: "errors within, %",
+                scales: AxisScales::Linear,
+                lines: calibration,
             },
             Chart {
                 title: "RMSE of the pixels that are left (dashed: at best)",
-                across: "most uncertain pixels removed, %",
-                up: "RMSE, m",
-                scales: Scales::Linear,
-                lines: left,
+                x_label: "most uncertain pixels removed, %",
+                y_label: "RMSE, m",
+                scales: AxisScales::Linear,
+                lines: sparsification,
             },
             Chart {
                 title: "Mean absolute error against depth",
-                across: "true depth, m",
-                up: "MAE, m",
-                scales: Scales::LogarithmicAcross,
+                x_label: "true depth, m",
+                y_label: "MAE, m",
+                scales: AxisScales::LogX,
                 lines: lines(&|i| curve(Axis::Depth, i)),
             },
             Chart {
                 title: "Mean absolute error against distance to a point",
-                across: "distance to the nearest point, pixels (left end: at a point)",
-                up: "MAE, m",
-                scales: Scales::LogarithmicAcross,
+                x_label: "distance to the nearest point, pixels (left end: at a point)",
+                y_label: "MAE, m",
+                scales: AxisScales::LogX,
                 lines: lines(&|i| curve(Axis::Distance, i)),
             },
             Chart {
                 title: "How large the errors are",
-                across: "absolute error, m (half octaves)",
-                up: "pixels, %",
-                scales: Scales::LogarithmicAcross,
+                x_label: "absolute error, m (half octaves)",
+                y_label: "pixels, %",
+                scales: AxisScales::LogX,
                 lines: lines(&sizes),
             },
             Chart {
                 title: "RMSE of the frames, from best to worst",
-                across: "frames, %",
-                up: "RMSE, m",
-                scales: Scales::Linear,
+                x_label: "frames, %",
+                y_label: "RMSE, m",
+                scales: AxisScales::Linear,
                 lines: lines(&frames),
             },
         ];
-        let drawn: String = charts.iter().map(Chart::svg).collect();
-        format!("{}<div class='charts'>{drawn}</div>", legend(methods))
+        charts_with_legend(methods, &charts)
     }
 }
 
 /// Text with the marks of plain text as elements: `names`, powers (`1.25^2`) and the window of a measure (`SEE_3`).
-pub(super) fn marked(text: &str) -> String {
+pub(super) fn markup(text: &str) -> String {
     let text = escaped(text);
     let mut html = String::new();
-    let mut rest = text.as_str();
+    let mut remaining = text.as_str();
     loop {
-        let plain = rest.find('`').unwrap_or(rest.len());
-        let code = rest[plain..]
+        let plain = remaining.find('`').unwrap_or(remaining.len());
+        let code = remaining[plain..]
             .get(1..)
-            .and_then(|behind| behind.split_once('`'));
-        let Some((code, behind)) = code else {
-            return html + &raised(&raised(rest, "^", "sup"), "SEE_", "sub");
+            .and_then(|after| after.split_once('`'));
+        let Some((code, after)) = code else {
+            return html + &powers_and_windows(remaining);
         };
-        html.push_str(&raised(&raised(&rest[..plain], "^", "sup"), "SEE_", "sub"));
+        html.push_str(&powers_and_windows(&remaining[..plain]));
         let _ = write!(html, "<code>{code}</code>");
-        rest = behind;
+        remaining = after;
     }
 }
 
+fn powers_and_windows(text: &str) -> String {
+    digits_in_element(&digits_in_element(text, "^", "sup"), "SEE_", "sub")
+}
+
 /// Puts the digits that follow a mark into an element; a mark of letters stays, without what joins it to them.
-fn raised(text: &str, mark: &str, element: &str) -> String {
+fn digits_in_element(text: &str, mark: &str, element: &str) -> String {
     let mut parts = text.split(mark);
     let mut html = parts.next().unwrap_or_default().to_owned();
     for part in parts {
         let digits = part.len() - part.trim_start_matches(|c: char| c.is_ascii_digit()).len();
-        let (number, rest) = part.split_at(digits);
+        let (number, remaining) = part.split_at(digits);
         if number.is_empty() {
-            let _ = write!(html, "{mark}{rest}");
+            let _ = write!(html, "{mark}{remaining}");
         } else {
-            let kept = mark.trim_end_matches(['_', '^']);
-            let _ = write!(html, "{kept}<{element}>{number}</{element}>{rest}");
+            let prefix = mark.trim_end_matches(['_', '^']);
+            let _ = write!(html, "{prefix}<{element}>{number}</{element}>{remaining}");
         }
     }
     html
@@ -266,8 +266,37 @@ pub(super) fn begin(title: &str) -> String {
     )
 }
 
+/// The end of a page.
+pub(super) const END: &str = concat!(
+    "\n<p class='spread'>lsdc ",
+    env!("CARGO_PKG_VERSION"),
+    "</p></body></html>\n"
+);
+
+/// Writes a page of charts under one legend, with a table as plain text below them.
+pub(super) fn write_charts(
+    path: &Path,
+    title: &str,
+    names: &[String],
+    charts: &[Chart<'_>],
+    table: &str,
+) -> Result<()> {
+    let page = format!(
+        "{}{}<pre>{}</pre></body></html>\n",
+        begin(title),
+        charts_with_legend(names, charts),
+        escaped(table)
+    );
+    write_atomically(path, |out| out.write_all(page.as_bytes()))
+}
+
+fn charts_with_legend(names: &[String], charts: &[Chart<'_>]) -> String {
+    let drawn: String = charts.iter().map(|chart| chart.draw().inline()).collect();
+    format!("{}<div class='charts'>{drawn}</div>", legend(names))
+}
+
 /// The colours of the methods.
-pub(super) fn legend(methods: &[String]) -> String {
+fn legend(methods: &[String]) -> String {
     let mut legend = String::from("<p class='legend'>");
     for (name, i) in methods.iter().zip(0..) {
         let (name, colour): (String, &str) = (escaped(name), COLOURS[i % COLOURS.len()]);
@@ -301,7 +330,7 @@ fn tables(means: &[Mean]) -> String {
 fn table(means: &[Mean], metrics: &[Metric]) -> String {
     let mut html = String::from("<div class='scroll'><table><thead><tr><th>method</th>");
     for metric in metrics {
-        let (label, unit) = (marked(metric.label()), metric.unit());
+        let (label, unit) = (markup(metric.label()), metric.unit());
         let _ = write!(html, "<th>{label} <span class='spread'>{unit}</span></th>");
     }
     html.push_str("</tr></thead><tbody>");
@@ -322,9 +351,9 @@ fn table(means: &[Mean], metrics: &[Metric]) -> String {
             } else {
                 ""
             };
-            let _ = write!(html, "<td{class}>{}", shown(metric, value));
+            let _ = write!(html, "<td{class}>{}", formatted(metric, value));
             if mean.deviation[metric].is_finite() {
-                let spread = shown(metric, mean.deviation[metric]);
+                let spread = formatted(metric, mean.deviation[metric]);
                 let _ = write!(html, " <span class='spread'>&plusmn;{spread}</span>");
             }
             html.push_str("</td>");
@@ -335,27 +364,27 @@ fn table(means: &[Mean], metrics: &[Metric]) -> String {
     html
 }
 
-fn exhibited(exhibit: &Exhibit) -> String {
-    let (low, high) = exhibit.truth.range().unwrap_or((0.0, 1.0));
-    let worst = scale_of_errors(exhibit);
+fn example_html(example: &ExampleFrame) -> String {
+    let (low, high) = example.truth.range().unwrap_or((0.0, 1.0));
+    let max_error = error_scale(example);
     let mut html = format!(
         "<h3>{}: {}</h3><p>{}{}</p><div class='figures'>",
-        exhibit.role,
-        escaped(&exhibit.frame),
+        example.role,
+        escaped(&example.frame),
         colour_scale("depth", low, high, colorous::TURBO),
-        colour_scale("absolute error", 0.0, worst, colorous::INFERNO),
+        colour_scale("absolute error", 0.0, max_error, colorous::INFERNO),
     );
-    let points = format!("{} points", exhibit.sparse.count());
-    html.push_str(&figure("image", &exhibit.rgb));
-    html.push_str(&figure(&points, &dotted(exhibit, low, high)));
-    html.push_str(&figure("truth", &coloured(&exhibit.truth, low, high)));
+    let points = format!("{} points", example.sparse.count());
+    html.push_str(&figure("image", &example.rgb));
+    html.push_str(&figure(&points, &points_on_image(example, low, high)));
+    html.push_str(&figure("truth", &coloured(&example.truth, low, high)));
     html.push_str("</div><div class='figures methods'>");
-    for (method, rmse, depth) in &exhibit.predictions {
+    for (method, rmse, depth) in &example.predictions {
         let method = escaped(method);
-        let shown = coloured(depth, low, high);
-        let wrong = errors(depth, &exhibit.truth, worst);
-        html.push_str(&figure(&format!("{method}, RMSE {rmse:.3} m"), &shown));
-        html.push_str(&figure(&format!("{method}, error"), &wrong));
+        let depth_map = coloured(depth, low, high);
+        let error_map = errors(depth, &example.truth, max_error);
+        html.push_str(&figure(&format!("{method}, RMSE {rmse:.3} m"), &depth_map));
+        html.push_str(&figure(&format!("{method}, error"), &error_map));
     }
     html.push_str("</div>");
     html
@@ -365,26 +394,24 @@ fn figure(caption: &str, image: &RgbImage) -> String {
     format!(
         "<figure><img alt='{caption}' src='{}'>\
          <figcaption>{caption}</figcaption></figure>",
-        encoded(image)
+        data_url(image)
     )
 }
 
 /// The points as dots over the darkened image.
-pub(super) fn dotted(exhibit: &Exhibit, low: f32, high: f32) -> RgbImage {
-    let mut image = exhibit.rgb.clone();
+pub(super) fn points_on_image(example: &ExampleFrame, low: f32, high: f32) -> RgbImage {
+    let mut image = example.rgb.clone();
     image
         .iter_mut()
         .for_each(|value| *value = (f32::from(*value) * 0.3) as u8);
-    let colours = coloured(&exhibit.sparse, low, high);
+    let colours = coloured(&example.sparse, low, high);
     // Sparse points are drawn larger than one pixel where there is room for them.
-    let share = exhibit.sparse.count() as f64 / exhibit.sparse.values().len() as f64;
+    let share = example.sparse.count() as f64 / example.sparse.values().len() as f64;
     let reach = usize::from(share < 0.04);
-    for point in exhibit.sparse.points() {
-        for y in point.y.saturating_sub(reach)..(point.y + reach + 1).min(exhibit.sparse.height()) {
-            for x in
-                point.x.saturating_sub(reach)..(point.x + reach + 1).min(exhibit.sparse.width())
-            {
-                let colour = *colours.get_pixel(point.x as u32, point.y as u32);
+    for point in example.sparse.points() {
+        let colour = *colours.get_pixel(point.x as u32, point.y as u32);
+        for y in window(point.y, reach, example.sparse.height()) {
+            for x in window(point.x, reach, example.sparse.width()) {
                 image.put_pixel(x as u32, y as u32, colour);
             }
         }
@@ -393,11 +420,11 @@ pub(super) fn dotted(exhibit: &Exhibit, low: f32, high: f32) -> RgbImage {
 }
 
 /// The end of the scale of errors: what 98 % of the pixels of the first method stay below.
-pub(super) fn scale_of_errors(exhibit: &Exhibit) -> f32 {
-    let Some((_, _, depth)) = exhibit.predictions.first() else {
+pub(super) fn error_scale(example: &ExampleFrame) -> f32 {
+    let Some((_, _, depth)) = example.predictions.first() else {
         return 1.0;
     };
-    let mut all: Vec<f32> = exhibit
+    let mut all: Vec<f32> = example
         .truth
         .values()
         .iter()

@@ -1,8 +1,8 @@
 //! The machine-readable report: everything, without rounding.
 
-use super::{Failure, FrameScores, Heading, Mean, Report};
-use crate::data::{Place, Shard, write_atomically};
-use crate::metrics::{Certainty, Metric, Profile, Ranges, Scores};
+use super::{EvaluationReport, Failure, FrameScores, Heading, Mean, Sums};
+use crate::data::{Environment, Shard, write_atomically};
+use crate::metrics::{DepthRangeErrors, ErrorProfile, Metric, Scores, UncertaintyScores};
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -13,20 +13,13 @@ use std::path::Path;
 #[derive(Deserialize)]
 struct File {
     heading: Heading,
-    profiles: BTreeMap<String, Profile>,
-    #[serde(default)]
-    certainties: BTreeMap<String, Certainty>,
-    #[serde(default)]
-    ranges: BTreeMap<String, Ranges>,
+    profiles: BTreeMap<String, ErrorProfile>,
+    #[serde(rename = "certainties")]
+    uncertainties: BTreeMap<String, UncertaintyScores>,
+    ranges: BTreeMap<String, DepthRangeErrors>,
     frames: Vec<Line>,
     failures: Vec<Failure>,
-    #[serde(default = "whole")]
     parts: Vec<Shard>,
-}
-
-/// What reports of older versions are taken for.
-fn whole() -> Vec<Shard> {
-    vec![Shard::WHOLE]
 }
 
 #[derive(Serialize, Deserialize)]
@@ -34,13 +27,13 @@ struct Line {
     frame: String,
     seed: u64,
     points: usize,
-    place: Place,
+    place: Environment,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     scene: Option<String>,
     scores: BTreeMap<String, Scores>,
 }
 
-impl Report {
+impl EvaluationReport {
     /// The report as one JSON object.
     pub fn to_json(&self) -> Value {
         let methods = || self.heading.methods.iter().cloned();
@@ -56,14 +49,15 @@ impl Report {
                 scores: methods().zip(scores.scores.iter().copied()).collect(),
             })
             .collect();
-        let profiles: BTreeMap<String, &Profile> = methods().zip(&self.profiles).collect();
-        let certainties: BTreeMap<String, &Certainty> = methods()
-            .zip(&self.certainties)
-            .filter_map(|(method, certainty)| Some((method, certainty.as_ref()?)))
+        let sums = || methods().zip(&self.sums);
+        let profiles: BTreeMap<String, &ErrorProfile> = sums()
+            .map(|(method, sums)| (method, &sums.profile))
             .collect();
-        let ranges: BTreeMap<String, &Ranges> = methods()
-            .zip(&self.ranges)
-            .filter_map(|(method, ranges)| Some((method, ranges.as_ref()?)))
+        let uncertainties: BTreeMap<String, &UncertaintyScores> = sums()
+            .filter_map(|(method, sums)| Some((method, sums.uncertainty.as_ref()?)))
+            .collect();
+        let ranges: BTreeMap<String, &DepthRangeErrors> = sums()
+            .map(|(method, sums)| (method, &sums.ranges))
             .collect();
         let scenes: Map<String, Value> = self
             .scenes()
@@ -100,7 +94,7 @@ impl Report {
             "by_depth": self.by_depth(),
             "differences": self.all_differences(),
             "profiles": profiles,
-            "certainties": certainties,
+            "certainties": uncertainties,
             "ranges": ranges,
             "frames": frames,
             "failures": self.failures,
@@ -117,13 +111,13 @@ impl Report {
             .map_err(|e| Error::config("this is no report of `lsdc eval --json`").because(e))?;
         let missing = |method: &String| Error::config(format!("no scores of `{method}`"));
         let mut report = Self::new(file.heading);
-        for (sum, method) in report.profiles.iter_mut().zip(&report.heading.methods) {
-            *sum = file.profiles.get(method).cloned().unwrap_or_default();
+        for (sums, method) in report.sums.iter_mut().zip(&report.heading.methods) {
+            *sums = Sums {
+                profile: file.profiles.get(method).cloned().unwrap_or_default(),
+                uncertainty: file.uncertainties.get(method).cloned(),
+                ranges: file.ranges.get(method).cloned().unwrap_or_default(),
+            };
         }
-        let methods = report.heading.methods.iter();
-        report.certainties = methods.map(|m| file.certainties.get(m).cloned()).collect();
-        let methods = report.heading.methods.iter();
-        report.ranges = methods.map(|m| file.ranges.get(m).cloned()).collect();
         for line in file.frames {
             let methods = report.heading.methods.iter();
             let scores = methods

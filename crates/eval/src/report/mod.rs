@@ -19,24 +19,25 @@ mod text;
 mod training;
 
 pub use bars::Bars;
-pub use basis_functions::{contact_sheet, kernels, signed_scale};
-pub use chart::{Chart, Line, Scales};
-pub use colour::{coloured, signed};
+pub use basis_functions::{contact_sheet, diverging_scale, kernels};
+pub use chart::{AxisScales, Chart, Line};
+pub use colour::{coloured, diverging};
 pub use colour_map::{colour_map, usual_range};
 pub use curve::Curve;
 pub use drawing::Drawing;
-pub use html::{Exhibit, Role};
-pub use panels::{Panel, Panels, Scale};
+pub use html::ExampleFrame;
+pub use panels::{ColourScale, Panel, Panels};
 pub use section::{Figure, Section, write_page};
-pub use table::{Column, Contest, Row, Table};
+pub use table::{Column, Ranking, Row, Table};
 pub use training::Training;
 
-use crate::data::{Place, Shard};
+use crate::data::{Environment, Shard};
 use crate::metrics::{
-    Certainty, Difference, Metric, Profile, Ranges, Rules, Scores, Tally, deviation,
+    DepthRangeErrors, ErrorProfile, Metric, PairedDifference, Rules, ScoreAccumulator, Scores,
+    UncertaintyScores, mean_and_deviation,
 };
 use lsdc_files::error::{Error, Result};
-use lsdc_weights::provenance::{Stamp, differences};
+use lsdc_weights::provenance::{FileStamp, differences};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -75,9 +76,8 @@ pub struct Heading {
     pub sigma_cut: Option<f64>,
     /// Frames in all, whichever shard measured them.
     pub frames: usize,
-    /// Everything that the numbers depend on, whether the words above say it or not: the program,
-    /// the settings, files by their contents. Null in reports of older versions.
-    #[serde(default)]
+    /// Everything that the numbers depend on, whether the words above mention it or not: the program,
+    /// the settings, files by their contents.
     pub made_from: serde_json::Value,
 }
 
@@ -93,23 +93,22 @@ impl Heading {
 /// How one method did on one frame with one draw of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Outcome {
+pub struct MethodOutcome {
     /// The measures.
     pub scores: Scores,
     /// Where the errors are.
-    pub profile: Profile,
+    pub profile: ErrorProfile,
     /// How well they were predicted, if they were.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub certainty: Option<Certainty>,
-    /// The errors by true depth; absent from records of older versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ranges: Option<Ranges>,
+    #[serde(rename = "certainty", default, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<UncertaintyScores>,
+    /// The errors by true depth.
+    pub ranges: DepthRangeErrors,
 }
 
 /// One frame with one draw of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Record {
+pub struct FrameRecord {
     /// The frame's name.
     pub frame: String,
     /// Names the draw.
@@ -117,15 +116,15 @@ pub struct Record {
     /// Sparse points that were given.
     pub points: usize,
     /// Where the frame was taken.
-    pub place: Place,
+    pub place: Environment,
     /// The scene that it shows, if the dataset knows it by other means than the folders in names.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<String>,
     /// One for each method, in the order of the heading.
-    pub outcomes: Vec<Outcome>,
+    pub outcomes: Vec<MethodOutcome>,
     /// The files of the frame as they were when it was measured, in the order of the dataset.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub files: Vec<Stamp>,
+    pub files: Vec<FileStamp>,
 }
 
 /// A frame that could not be measured.
@@ -138,13 +137,13 @@ pub struct Failure {
     pub error: String,
 }
 
-/// Scores of a frame under one seed: what a report keeps of a [`Record`].
+/// Scores of a frame under one seed: what a report keeps of a [`FrameRecord`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameScores {
     /// Sparse points that were given.
     pub points: usize,
     /// Where the frame was taken.
-    pub place: Place,
+    pub place: Environment,
     /// The scene that it shows, if the dataset knows it by other means than the folders in names.
     pub scene: Option<String>,
     /// One for each method, in the order of the heading.
@@ -153,17 +152,38 @@ pub struct FrameScores {
 
 /// Scores of several methods on the same frames.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Report {
+pub struct EvaluationReport {
     heading: Heading,
     /// By frame and seed; every sum runs in this order, whatever the order of measuring.
     frames: BTreeMap<(String, u64), FrameScores>,
-    profiles: Vec<Profile>,
-    certainties: Vec<Option<Certainty>>,
-    /// `None` as soon as a frame lacks them.
-    ranges: Vec<Option<Ranges>>,
+    /// One for each method, in the order of the heading.
+    sums: Vec<Sums>,
     failures: Vec<Failure>,
     /// Which parts of the frames these are.
     parts: Vec<Shard>,
+}
+
+/// Errors of one method over all frames.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Sums {
+    profile: ErrorProfile,
+    uncertainty: Option<UncertaintyScores>,
+    ranges: DepthRangeErrors,
+}
+
+impl Sums {
+    fn add(
+        &mut self,
+        profile: &ErrorProfile,
+        uncertainty: Option<&UncertaintyScores>,
+        ranges: &DepthRangeErrors,
+    ) {
+        self.profile.add(profile);
+        if let Some(uncertainty) = uncertainty {
+            self.uncertainty.get_or_insert_default().add(uncertainty);
+        }
+        self.ranges.add(ranges);
+    }
 }
 
 /// A method's average over all frames.
@@ -177,13 +197,11 @@ pub struct Mean<'a> {
     pub deviation: Scores,
 }
 
-impl Report {
+impl EvaluationReport {
     /// An empty report.
     pub fn new(heading: Heading) -> Self {
         Self {
-            profiles: vec![Profile::default(); heading.methods.len()],
-            certainties: vec![None; heading.methods.len()],
-            ranges: vec![Some(Ranges::default()); heading.methods.len()],
+            sums: vec![Sums::default(); heading.methods.len()],
             heading,
             frames: BTreeMap::new(),
             failures: Vec::new(),
@@ -235,7 +253,7 @@ impl Report {
     ///
     /// # Errors
     /// It is there already, or has outcomes of other methods.
-    pub fn add(&mut self, record: Record) -> Result<()> {
+    pub fn add(&mut self, record: FrameRecord) -> Result<()> {
         if record.outcomes.len() != self.heading.methods.len() {
             return Err(Error::config(format!(
                 "frame `{}` has outcomes of {} methods, expected {}",
@@ -244,14 +262,12 @@ impl Report {
                 self.heading.methods.len()
             )));
         }
-        for (sum, outcome) in self.profiles.iter_mut().zip(&record.outcomes) {
-            sum.add(&outcome.profile);
-        }
-        for (sum, outcome) in self.certainties.iter_mut().zip(&record.outcomes) {
-            add(sum, outcome.certainty.as_ref());
-        }
-        for (sum, outcome) in self.ranges.iter_mut().zip(&record.outcomes) {
-            add_ranges(sum, outcome.ranges.as_ref());
+        for (sums, outcome) in self.sums.iter_mut().zip(&record.outcomes) {
+            sums.add(
+                &outcome.profile,
+                outcome.uncertainty.as_ref(),
+                &outcome.ranges,
+            );
         }
         let scores = FrameScores {
             points: record.points,
@@ -283,14 +299,8 @@ impl Report {
         for (key, scores) in other.frames {
             self.insert(key, scores)?;
         }
-        for (sum, profile) in self.profiles.iter_mut().zip(&other.profiles) {
-            sum.add(profile);
-        }
-        for (sum, certainty) in self.certainties.iter_mut().zip(&other.certainties) {
-            add(sum, certainty.as_ref());
-        }
-        for (sum, ranges) in self.ranges.iter_mut().zip(&other.ranges) {
-            add_ranges(sum, ranges.as_ref());
+        for (sums, more) in self.sums.iter_mut().zip(&other.sums) {
+            sums.add(&more.profile, more.uncertainty.as_ref(), &more.ranges);
         }
         other.failures.into_iter().for_each(|f| self.fail(f));
         self.parts.extend(other.parts);
@@ -320,14 +330,9 @@ impl Report {
         &self.failures
     }
 
-    /// Where the errors of each method are.
-    pub fn profiles(&self) -> &[Profile] {
-        &self.profiles
-    }
-
-    /// How well each method predicted its errors, if it did.
-    pub fn certainties(&self) -> &[Option<Certainty>] {
-        &self.certainties
+    /// How well a method, by its place in the heading, predicted its errors, if it did.
+    pub fn uncertainty(&self, method: usize) -> Option<&UncertaintyScores> {
+        self.sums.get(method)?.uncertainty.as_ref()
     }
 
     /// The number of frames measured, each counted once.
@@ -341,33 +346,36 @@ impl Report {
     }
 
     /// The places of the frames.
-    pub fn places(&self) -> Vec<Place> {
-        [Place::Indoor, Place::Outdoor]
+    pub fn places(&self) -> Vec<Environment> {
+        [Environment::Indoor, Environment::Outdoor]
             .into_iter()
             .filter(|place| self.frames.values().any(|f| f.place == *place))
             .collect()
     }
 
     /// Each method's average, over all frames or those of one place.
-    pub fn means(&self, place: Option<Place>) -> Vec<Mean<'_>> {
+    pub fn means(&self, place: Option<Environment>) -> Vec<Mean<'_>> {
         self.means_where(|_, frame| place.is_none_or(|place| place == frame.place))
     }
 
     /// Each method's average over the frames that count, by their names and scores.
     fn means_where(&self, counts: impl Fn(&str, &FrameScores) -> bool) -> Vec<Mean<'_>> {
         let of = |method: usize| -> Vec<Scores> {
-            let mut by_seed = BTreeMap::<u64, Tally>::new();
+            let mut by_seed = BTreeMap::<u64, ScoreAccumulator>::new();
             for ((name, seed), frame) in &self.frames {
                 if counts(name, frame) {
                     by_seed.entry(*seed).or_default().add(&frame.scores[method]);
                 }
             }
-            by_seed.values().filter_map(Tally::mean).collect()
+            by_seed
+                .values()
+                .filter_map(ScoreAccumulator::mean)
+                .collect()
         };
         let methods = self.heading.methods.iter().enumerate();
         methods
             .map(|(i, method)| {
-                let (mean, deviation) = deviation(&of(i));
+                let (mean, deviation) = mean_and_deviation(&of(i));
                 Mean {
                     method,
                     mean,
@@ -379,23 +387,23 @@ impl Report {
 
     /// The scores of a method on each frame, averaged over seeds.
     fn by_frame(&self, method: usize) -> BTreeMap<&str, Scores> {
-        let mut tallies = BTreeMap::<&str, Tally>::new();
+        let mut accumulators = BTreeMap::<&str, ScoreAccumulator>::new();
         for ((frame, _), scores) in &self.frames {
-            tallies
+            accumulators
                 .entry(frame)
                 .or_default()
                 .add(&scores.scores[method]);
         }
-        let mean = |tally: &Tally| tally.mean().unwrap_or_default();
-        tallies
+        let mean = |accumulator: &ScoreAccumulator| accumulator.mean().unwrap_or_default();
+        accumulators
             .iter()
-            .map(|(frame, tally)| (*frame, mean(tally)))
+            .map(|(frame, accumulator)| (*frame, mean(accumulator)))
             .collect()
     }
 
     /// Every later method against the first: second minus first, paired by frame, each frame
     /// averaged over seeds. `None` with fewer than two frames.
-    pub fn differences(&self, metric: Metric) -> Vec<(&str, Option<Difference>)> {
+    pub fn differences(&self, metric: Metric) -> Vec<(&str, Option<PairedDifference>)> {
         if self.heading.methods.is_empty() {
             return Vec::new();
         }
@@ -407,14 +415,14 @@ impl Report {
                 let pairs = first
                     .iter()
                     .map(|(frame, a)| (a[metric], second[frame][metric]));
-                (method.as_str(), Difference::of(pairs))
+                (method.as_str(), PairedDifference::of(pairs))
             })
             .collect()
     }
 
     /// The frames in which the first method has its smallest, median and largest RMSE, by the
     /// first seed: the best, an ordinary and the worst.
-    pub fn remarkable(&self) -> Vec<(&'static str, &str, u64)> {
+    pub fn example_frames(&self) -> Vec<(&'static str, &str, u64)> {
         let Some(&seed) = self.heading.seeds.first() else {
             return Vec::new();
         };
@@ -437,19 +445,6 @@ impl Report {
         .collect();
         picks.dedup_by_key(|(_, frame, _)| *frame);
         picks
-    }
-}
-
-fn add(sum: &mut Option<Certainty>, certainty: Option<&Certainty>) {
-    if let Some(certainty) = certainty {
-        sum.get_or_insert_default().add(certainty);
-    }
-}
-
-fn add_ranges(sum: &mut Option<Ranges>, ranges: Option<&Ranges>) {
-    match (sum.as_mut(), ranges) {
-        (Some(sum), Some(ranges)) => sum.add(ranges),
-        _ => *sum = None,
     }
 }
 

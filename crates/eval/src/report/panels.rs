@@ -1,9 +1,9 @@
-//! Images side by side, with captions, and bars that say what their colours mean.
+//! Images side by side, with captions and colour scales.
 
-use super::Exhibit;
+use super::ExampleFrame;
 use super::colour::{coloured, errors};
-use super::drawing::{Drawing, encoded, escaped};
-use super::html::{dotted, scale_of_errors};
+use super::drawing::{Drawing, data_url, escaped};
+use super::html::{error_scale, points_on_image};
 use colorous::Gradient;
 use image::RgbImage;
 use std::fmt::Write as _;
@@ -28,7 +28,7 @@ pub struct Panel {
 
 /// What colours mean.
 #[derive(Clone, Debug)]
-pub struct Scale {
+pub struct ColourScale {
     /// The quantity.
     pub name: String,
     /// The value of the first colour.
@@ -47,7 +47,7 @@ pub struct Panels {
     /// What they show.
     pub title: String,
     /// What their colours mean.
-    pub scales: Vec<Scale>,
+    pub scales: Vec<ColourScale>,
     /// From top to bottom; panels of a row have the same height.
     pub rows: Vec<Vec<Panel>>,
 }
@@ -55,50 +55,50 @@ pub struct Panels {
 impl Panels {
     /// A frame: its image, points and truth, then every prediction above its errors, in the same
     /// colours.
-    pub fn of_exhibit(exhibit: &Exhibit) -> Self {
-        let (low, high) = exhibit.truth.range().unwrap_or((0.0, 1.0));
-        let worst = scale_of_errors(exhibit);
+    pub fn of_example(example: &ExampleFrame) -> Self {
+        let (low, high) = example.truth.range().unwrap_or((0.0, 1.0));
+        let max_error = error_scale(example);
         let panel = |caption: String, image: RgbImage| Panel { caption, image };
-        let mut given = vec![
-            panel("image".into(), exhibit.rgb.clone()),
-            panel("truth".into(), coloured(&exhibit.truth, low, high)),
+        let mut inputs = vec![
+            panel("image".into(), example.rgb.clone()),
+            panel("truth".into(), coloured(&example.truth, low, high)),
         ];
-        if exhibit.sparse.count() > 0 {
-            let points = format!("{} points", exhibit.sparse.count());
-            given.insert(1, panel(points, dotted(exhibit, low, high)));
+        if example.sparse.count() > 0 {
+            let points = format!("{} points", example.sparse.count());
+            inputs.insert(1, panel(points, points_on_image(example, low, high)));
         }
-        let mut rows = vec![given];
+        let mut rows = vec![inputs];
         // No more beside each other than a page is wide.
-        for some in exhibit.predictions.chunks(5) {
-            let depths = some.iter().map(|(name, rmse, depth)| {
+        for chunk in example.predictions.chunks(5) {
+            let depths = chunk.iter().map(|(name, rmse, depth)| {
                 panel(
                     format!("{name}, RMSE {rmse:.3} m"),
                     coloured(depth, low, high),
                 )
             });
-            let wrong = some.iter().map(|(name, _, depth)| {
+            let error_maps = chunk.iter().map(|(name, _, depth)| {
                 panel(
                     format!("{name}, error"),
-                    errors(depth, &exhibit.truth, worst),
+                    errors(depth, &example.truth, max_error),
                 )
             });
             rows.push(depths.collect());
-            rows.push(wrong.collect());
+            rows.push(error_maps.collect());
         }
         Self {
-            title: format!("{} frame: {}", exhibit.role, exhibit.frame),
+            title: format!("{} frame: {}", example.role, example.frame),
             scales: vec![
-                Scale {
+                ColourScale {
                     name: "depth".into(),
                     low,
                     high,
                     unit: "m",
                     map: colorous::TURBO,
                 },
-                Scale {
+                ColourScale {
                     name: "absolute error".into(),
                     low: 0.0,
-                    high: worst,
+                    high: max_error,
                     unit: "m",
                     map: colorous::INFERNO,
                 },
@@ -109,25 +109,25 @@ impl Panels {
 
     /// The panels as a picture.
     pub fn draw(&self) -> Drawing {
-        let most = self.rows.iter().map(Vec::len).max().unwrap_or(0).max(3);
+        let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0).max(3);
         let mut body = format!(
             "<text class='title' x='{GAP}' y='18'>{}</text>",
             escaped(&self.title)
         );
-        for (place, scale) in self.scales.iter().enumerate() {
-            scale.draw(&mut body, GAP + 330.0 * place as f64, TITLE);
+        for (index, scale) in self.scales.iter().enumerate() {
+            scale.draw(&mut body, GAP + 330.0 * index as f64, TITLE);
         }
         let mut top = TITLE + if self.scales.is_empty() { 0.0 } else { SCALES };
         for row in &self.rows {
             let mut tallest = 0.0_f64;
-            for (place, Panel { caption, image }) in row.iter().enumerate() {
-                let left = GAP + place as f64 * (PANEL + GAP);
+            for (index, Panel { caption, image }) in row.iter().enumerate() {
+                let left = GAP + index as f64 * (PANEL + GAP);
                 let height = PANEL * f64::from(image.height()) / f64::from(image.width().max(1));
                 let _ = write!(
                     body,
                     "<image x='{left}' y='{top}' width='{PANEL}' height='{height:.1}' href='{}'/>\
                      <text x='{left}' y='{:.1}'>{}</text>",
-                    encoded(image),
+                    data_url(image),
                     top + height + 14.0,
                     escaped(caption)
                 );
@@ -137,14 +137,14 @@ impl Panels {
         }
         Drawing {
             title: self.title.clone(),
-            width: GAP + most as f64 * (PANEL + GAP),
+            width: GAP + columns as f64 * (PANEL + GAP),
             height: top,
             body,
         }
     }
 }
 
-impl Scale {
+impl ColourScale {
     /// Adds a bar of the colours, and its meaning.
     pub(super) fn draw(&self, body: &mut String, left: f64, top: f64) {
         const STEPS: u32 = 16;

@@ -1,6 +1,6 @@
 //! Tables of errors by scene.
 
-use super::{Column, Contest, FrameScores, Report, Row, Table};
+use super::{Column, EvaluationReport, FrameScores, Ranking, Row, Table};
 use crate::metrics::Metric;
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ const MOST: usize = 30;
 /// What the tables show.
 const METRICS: [Metric; 3] = [Metric::Rmse, Metric::Mae, Metric::Rel];
 
-impl Report {
+impl EvaluationReport {
     /// The scenes with the number of their frames; none if there is only one, if each has a single frame, or if the scene
     /// of a frame is unknown.
     pub fn scenes(&self) -> BTreeMap<&str, usize> {
@@ -49,8 +49,8 @@ impl Report {
         let methods = &self.heading.methods;
         let table = |metric: Metric| Table {
             title: format!("{} by scene", metric.label()),
-            rows_are: "scene (frames)".to_owned(),
-            contest: Contest::Columns,
+            row_header: "scene (frames)".to_owned(),
+            ranking: Ranking::Columns,
             columns: methods
                 .iter()
                 .map(|method| Column::named(method, metric))
@@ -59,7 +59,7 @@ impl Report {
                 .iter()
                 .map(|(label, means)| Row {
                     label: label.clone(),
-                    aside: false,
+                    unranked: false,
                     values: means.iter().map(|mean| Some(mean.mean[metric])).collect(),
                 })
                 .collect(),

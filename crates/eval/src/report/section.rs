@@ -1,7 +1,7 @@
 //! What an experiment found: words, tables and pictures, in files and on a page.
 
 use super::drawing::{Drawing, escaped};
-use super::html::{begin, failed, marked};
+use super::html::{END, begin, failed, markup};
 use super::{Failure, Table};
 use crate::data::write_atomically;
 use lsdc_files::error::{Error, Result};
@@ -10,7 +10,7 @@ use std::fmt::{Display, Formatter, Write as _};
 use std::path::Path;
 
 /// The outcome of an experiment.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Section {
     /// The name in files.
     pub name: &'static str,
@@ -48,17 +48,12 @@ impl Section {
         Self {
             name,
             title,
-            about: Vec::new(),
-            tables: Vec::new(),
-            findings: Vec::new(),
-            notes: Vec::new(),
-            figures: Vec::new(),
-            failures: Vec::new(),
+            ..Self::default()
         }
     }
 
     /// Adds a picture.
-    pub fn show(&mut self, name: &str, caption: &str, drawing: Drawing) {
+    pub fn add_figure(&mut self, name: &str, caption: &str, drawing: Drawing) {
         self.figures.push(Figure {
             name: name.to_owned(),
             caption: caption.to_owned(),
@@ -66,14 +61,14 @@ impl Section {
         });
     }
 
-    /// Adds a table, and in words how `ours` does in it.
-    pub fn judge(&mut self, table: Table, ours: &str) {
-        self.findings.extend(table.verdict(ours));
+    /// Adds a table, and a sentence on where `ours` is not the best in it.
+    pub fn add_ranked_table(&mut self, table: Table, ours: &str) {
+        self.findings.extend(table.ranking_summary(ours));
         self.tables.push(table);
     }
 
-    /// Says once of each frame that it failed.
-    pub fn leave_out(&mut self, failures: Vec<Failure>) {
+    /// Adds frames that failed, each once.
+    pub fn add_failures(&mut self, failures: Vec<Failure>) {
         for failure in failures {
             if !self.failures.contains(&failure) {
                 self.failures.push(failure);
@@ -110,7 +105,7 @@ impl Section {
     fn html(&self) -> String {
         let mut html = format!("\n<h2 id='{}'>{}</h2>", self.name, escaped(self.title));
         let paragraph = |html: &mut String, text: &str, class: &str| {
-            let _ = write!(html, "<p{class}>{}</p>", marked(text));
+            let _ = write!(html, "<p{class}>{}</p>", markup(text));
         };
         self.about
             .iter()
@@ -156,11 +151,7 @@ pub fn write_page(path: &Path, title: &str, sections: &[Section]) -> Result<()> 
     for section in sections {
         page.push_str(&section.html());
     }
-    let _ = write!(
-        page,
-        "\n<p class='spread'>lsdc {}</p></body></html>\n",
-        env!("CARGO_PKG_VERSION")
-    );
+    page.push_str(END);
     write_atomically(path, |out| out.write_all(page.as_bytes()))
 }
 

@@ -1,7 +1,7 @@
 //! Tables of numbers: for people, as CSV, and on a page.
 
 use super::drawing::escaped;
-use super::html::marked;
+use super::html::markup;
 use crate::metrics::{Metric, Scores};
 use serde::Serialize;
 use std::fmt::{Display, Formatter, Write as _};
@@ -11,10 +11,12 @@ use std::fmt::{Display, Formatter, Write as _};
 pub struct Table {
     /// What it shows.
     pub title: String,
-    /// What the rows are.
-    pub rows_are: String,
+    /// The heading of the column of names.
+    #[serde(rename = "rows_are")]
+    pub row_header: String,
     /// Which numbers compete.
-    pub contest: Contest,
+    #[serde(rename = "contest")]
+    pub ranking: Ranking,
     /// The kinds of numbers.
     pub columns: Vec<Column>,
     /// The numbers.
@@ -24,7 +26,7 @@ pub struct Table {
 /// Which numbers of a table compete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Contest {
+pub enum Ranking {
     /// The rows, in every column.
     Rows,
     /// The columns, in every row.
@@ -42,8 +44,9 @@ pub struct Column {
     pub unit: &'static str,
     /// Digits after the point.
     pub decimals: usize,
-    /// Whether less is better, or more.
-    pub rising: bool,
+    /// Whether more is better, or less.
+    #[serde(rename = "rising")]
+    pub higher_is_better: bool,
 }
 
 /// A line of a table.
@@ -52,7 +55,8 @@ pub struct Row {
     /// The name.
     pub label: String,
     /// Whether it does not compete: somebody else reported it, or it was given more.
-    pub aside: bool,
+    #[serde(rename = "aside")]
+    pub unranked: bool,
     /// One for each column, in its unit; absent where there is none.
     pub values: Vec<Option<f64>>,
 }
@@ -64,7 +68,7 @@ impl Column {
             label: metric.label().to_owned(),
             unit: metric.unit(),
             decimals: decimals(metric),
-            rising: metric.is_share(),
+            higher_is_better: metric.is_share(),
         }
     }
 
@@ -76,7 +80,8 @@ impl Column {
         }
     }
 
-    fn heading(&self) -> String {
+    /// The name with the unit.
+    pub(super) fn heading(&self) -> String {
         if self.unit.is_empty() {
             self.label.clone()
         } else {
@@ -105,7 +110,7 @@ impl Row {
     pub fn of(label: &str, scores: &Scores, metrics: &[Metric]) -> Self {
         Self {
             label: label.to_owned(),
-            aside: false,
+            unranked: false,
             values: metrics.iter().map(|&m| Some(value(scores, m))).collect(),
         }
     }
@@ -122,81 +127,81 @@ pub(super) fn value(scores: &Scores, metric: Metric) -> f64 {
 
 impl Table {
     /// Where `ours` is not the best of what was measured here, in words; if it is everywhere, that.
-    pub fn verdict(&self, ours: &str) -> Option<String> {
-        let mut behind = Vec::new();
-        let mut won = 0;
-        for (row, column) in self.places() {
+    pub fn ranking_summary(&self, ours: &str) -> Option<String> {
+        let mut worse = Vec::new();
+        let mut best_count = 0;
+        for (row, column) in self.cells() {
             let name = self.competitor(row, column);
             let Some(value) = self.rows[row].values[column].filter(|_| name == ours) else {
                 continue;
             };
-            match self.best_rival(row, column) {
+            match self.best_other(row, column) {
                 Some((rival, best)) if self.better(column, best, value) => {
                     let [best, value] = [best, value].map(|v| self.columns[column].shown(Some(v)));
                     // What looks equal is no difference to speak of.
                     if best == value {
-                        won += 1;
+                        best_count += 1;
                     } else {
-                        let at = self.place(row, column);
-                        behind.push(format!("{rival} in {at} ({best} against {value})"));
+                        let at = self.metric_or_row_label(row, column);
+                        worse.push(format!("{rival} in {at} ({best} against {value})"));
                     }
                 }
-                Some(_) => won += 1,
+                Some(_) => best_count += 1,
                 None => (),
             }
         }
-        match (behind.is_empty(), won) {
+        match (worse.is_empty(), best_count) {
             (true, 0) => None,
             (true, _) => Some(format!(
                 "{}: {ours} is the best of what was measured here everywhere.",
                 self.title
             )),
             (false, _) => Some(format!(
-                "{}: {ours} is behind {}; the best in the {won} others.",
+                "{}: {ours} is behind {}; the best in the {best_count} others.",
                 self.title,
-                behind.join(", ")
+                worse.join(", ")
             )),
         }
     }
 
-    fn places(&self) -> impl Iterator<Item = (usize, usize)> {
+    fn cells(&self) -> impl Iterator<Item = (usize, usize)> {
         let columns = self.columns.len();
         (0..self.rows.len()).flat_map(move |row| (0..columns).map(move |column| (row, column)))
     }
 
     /// Whose number this is.
     fn competitor(&self, row: usize, column: usize) -> &str {
-        match self.contest {
-            Contest::Columns => &self.columns[column].label,
+        match self.ranking {
+            Ranking::Columns => &self.columns[column].label,
             _ => &self.rows[row].label,
         }
     }
 
     /// What the number is of.
-    fn place(&self, row: usize, column: usize) -> &str {
-        match self.contest {
-            Contest::Columns => &self.rows[row].label,
+    fn metric_or_row_label(&self, row: usize, column: usize) -> &str {
+        match self.ranking {
+            Ranking::Columns => &self.rows[row].label,
             _ => &self.columns[column].label,
         }
     }
 
     /// The best of the others that compete with a number.
-    fn best_rival(&self, row: usize, column: usize) -> Option<(&str, f64)> {
-        let rivals: Vec<(usize, usize)> = match self.contest {
-            Contest::None => return None,
-            Contest::Rows => (0..self.rows.len()).map(|r| (r, column)).collect(),
-            Contest::Columns => (0..self.columns.len()).map(|c| (row, c)).collect(),
+    fn best_other(&self, row: usize, column: usize) -> Option<(&str, f64)> {
+        let rivals: Vec<(usize, usize)> = match self.ranking {
+            Ranking::None => return None,
+            Ranking::Rows => (0..self.rows.len()).map(|r| (r, column)).collect(),
+            Ranking::Columns => (0..self.columns.len()).map(|c| (row, c)).collect(),
         };
         rivals
             .into_iter()
-            .filter(|&place| place != (row, column) && !self.rows[place.0].aside)
+            .filter(|&cell| cell != (row, column) && !self.rows[cell.0].unranked)
             .filter_map(|(r, c)| Some((self.competitor(r, c), self.rows[r].values[c]?)))
             .filter(|(_, value)| value.is_finite())
             .reduce(|a, b| if self.better(column, b.1, a.1) { b } else { a })
     }
 
     fn better(&self, column: usize, a: f64, b: f64) -> bool {
-        if self.columns[column].rising {
+        if self.columns[column].higher_is_better {
             a > b
         } else {
             a < b
@@ -204,13 +209,13 @@ impl Table {
     }
 
     /// Whether a number is the best of those that compete.
-    fn leads(&self, row: usize, column: usize) -> bool {
+    fn is_best(&self, row: usize, column: usize) -> bool {
         let Some(value) = self.rows[row].values[column].filter(|v| v.is_finite()) else {
             return false;
         };
-        !self.rows[row].aside
+        !self.rows[row].unranked
             && self
-                .best_rival(row, column)
+                .best_other(row, column)
                 .is_some_and(|(_, best)| !self.better(column, best, value))
     }
 
@@ -219,7 +224,7 @@ impl Table {
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
         let headings = self.columns.iter().map(|c| quoted(&c.heading()));
         let mut lines = vec![
-            [quoted(&self.rows_are), quoted("aside")]
+            [quoted(&self.row_header), quoted("aside")]
                 .into_iter()
                 .chain(headings)
                 .collect::<Vec<_>>()
@@ -230,7 +235,7 @@ impl Table {
                 .values
                 .iter()
                 .map(|v| v.map_or(String::new(), |v| v.to_string()));
-            let line: Vec<String> = [quoted(&row.label), row.aside.to_string()]
+            let line: Vec<String> = [quoted(&row.label), row.unranked.to_string()]
                 .into_iter()
                 .chain(values)
                 .collect();
@@ -244,19 +249,19 @@ impl Table {
         let mut html = format!(
             "<h3>{}</h3><div class='scroll'><table><thead><tr><th>{}</th>",
             escaped(&self.title),
-            escaped(&self.rows_are)
+            escaped(&self.row_header)
         );
         for column in &self.columns {
             let unit = column.unit;
-            let label = marked(&column.label);
+            let label = markup(&column.label);
             let _ = write!(html, "<th>{label} <span class='spread'>{unit}</span></th>");
         }
         html.push_str("</tr></thead><tbody>");
         for (r, row) in self.rows.iter().enumerate() {
-            let class = if row.aside { " class='aside'" } else { "" };
+            let class = if row.unranked { " class='aside'" } else { "" };
             let _ = write!(html, "<tr{class}><td>{}</td>", escaped(&row.label));
             for (c, column) in self.columns.iter().enumerate() {
-                let class = if self.leads(r, c) {
+                let class = if self.is_best(r, c) {
                     " class='best'"
                 } else {
                     ""
@@ -274,7 +279,7 @@ impl Display for Table {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         let first = self.rows.iter().map(|row| row.label.chars().count());
         let first = first
-            .chain([self.rows_are.chars().count()])
+            .chain([self.row_header.chars().count()])
             .max()
             .unwrap_or(0);
         let widths: Vec<usize> = self
@@ -283,7 +288,7 @@ impl Display for Table {
             .map(|column| column.heading().chars().count().max(9))
             .collect();
         writeln!(f, "{}", self.title)?;
-        write!(f, "  {:<first$}", self.rows_are)?;
+        write!(f, "  {:<first$}", self.row_header)?;
         for (column, width) in self.columns.iter().zip(&widths) {
             write!(f, "  {:>width$}", column.heading())?;
         }
@@ -292,7 +297,7 @@ impl Display for Table {
             write!(f, "  {:<first$}", row.label)?;
             for (c, (column, width)) in self.columns.iter().zip(&widths).enumerate() {
                 // A star for the best.
-                let mark = if self.leads(r, c) { "*" } else { " " };
+                let mark = if self.is_best(r, c) { "*" } else { " " };
                 let width = width - 1;
                 write!(f, "  {:>width$}{mark}", column.shown(row.values[c]))?;
             }
@@ -307,15 +312,15 @@ mod tests {
     use super::*;
 
     fn table() -> Table {
-        let row = |label: &str, aside, values: [f64; 2]| Row {
+        let row = |label: &str, unranked, values: [f64; 2]| Row {
             label: label.to_owned(),
-            aside,
+            unranked,
             values: values.map(Some).to_vec(),
         };
         Table {
             title: "T".to_owned(),
-            rows_are: "method".to_owned(),
-            contest: Contest::Rows,
+            row_header: "method".to_owned(),
+            ranking: Ranking::Rows,
             columns: vec![Column::of(Metric::Rmse), Column::of(Metric::Delta1)],
             rows: vec![
                 row("ours", false, [0.2, 97.0]),
@@ -328,28 +333,31 @@ mod tests {
     #[test]
     fn what_others_published_does_not_compete() {
         let table = table();
-        let leaders: Vec<_> = table.places().filter(|&(r, c)| table.leads(r, c)).collect();
+        let leaders: Vec<_> = table
+            .cells()
+            .filter(|&(r, c)| table.is_best(r, c))
+            .collect();
         assert_eq!(leaders, [(0, 0), (1, 1)]);
         assert_eq!(
-            table.verdict("ours").unwrap(),
+            table.ranking_summary("ours").unwrap(),
             "T: ours is behind theirs in d1.25 (98.00 against 97.00); the best in the 1 others."
         );
-        assert_eq!(table.verdict("nobody"), None);
+        assert_eq!(table.ranking_summary("nobody"), None);
     }
 
     #[test]
     fn columns_compete_within_a_row() {
         let mut table = table();
-        table.contest = Contest::Columns;
+        table.ranking = Ranking::Columns;
         table.columns = vec![
             Column::named("ours", Metric::Rmse),
             Column::named("linear", Metric::Rmse),
         ];
         table.rows.truncate(1);
         table.rows[0].values = vec![Some(0.1), Some(0.2)];
-        let verdict = table.verdict("ours").unwrap();
+        let ranking_summary = table.ranking_summary("ours").unwrap();
         assert_eq!(
-            verdict,
+            ranking_summary,
             "T: ours is the best of what was measured here everywhere."
         );
     }

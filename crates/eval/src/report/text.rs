@@ -1,7 +1,7 @@
 //! The tables for people.
 
-use super::{Mean, Report};
-use crate::data::Place;
+use super::{EvaluationReport, Mean};
+use crate::data::Environment;
 use crate::metrics::{Metric, SLICES};
 use std::fmt::{Display, Formatter, Result};
 
@@ -27,7 +27,7 @@ pub(super) const TABLES: [&[Metric]; 2] = [
     ],
 ];
 
-impl Report {
+impl EvaluationReport {
     /// The lines above the tables: names and texts.
     pub(super) fn preface(&self) -> Vec<(&'static str, String)> {
         let heading = &self.heading;
@@ -38,57 +38,48 @@ impl Report {
         };
         let seeds: Vec<String> = heading.seeds.iter().map(u64::to_string).collect();
         let noise = heading.noise.as_ref().map(|n| format!(", {n}"));
-        let mut lines = vec![
-            (
-                "dataset",
-                format!("{}, {frames}: {}", heading.dataset, heading.found),
-            ),
-            ("protocol", heading.protocol.clone()),
-            ("steps", heading.steps.clone()),
-            (
-                "points",
-                format!(
-                    "{}{}, seed {}",
-                    heading.points,
-                    noise.unwrap_or_default(),
-                    seeds.join(", ")
-                ),
-            ),
-            ("held out", heading.hold_out.clone().unwrap_or_default()),
-            ("limits", heading.limits.clone()),
-            ("averaged", heading.rules.to_string()),
+        let noise = noise.unwrap_or_default();
+        let dataset = format!("{}, {frames}: {}", heading.dataset, heading.found);
+        let points = format!("{}{noise}, seed {}", heading.points, seeds.join(", "));
+        let spread = "mean over seeds; +- is the standard deviation over them";
+        let spread = (seeds.len() > 1).then(|| spread.to_owned());
+        let lines = [
+            ("dataset", Some(dataset)),
+            ("protocol", Some(heading.protocol.clone())),
+            ("steps", Some(heading.steps.clone())),
+            ("points", Some(points)),
+            ("held out", heading.hold_out.clone()),
+            ("weights", heading.weights.clone()),
+            ("limits", Some(heading.limits.clone())),
+            ("averaged", Some(heading.rules.to_string())),
+            ("", spread),
         ];
-        if let Some(weights) = &heading.weights {
-            lines.insert(5, ("weights", weights.clone()));
-        }
-        lines.retain(|(name, _)| *name != "held out" || heading.hold_out.is_some());
-        if heading.seeds.len() > 1 {
-            let spread = "mean over seeds; +- is the standard deviation over them".to_owned();
-            lines.push(("", spread));
-        }
+        let lines = lines.into_iter();
         lines
+            .filter_map(|(name, text)| Some((name, text?)))
+            .collect()
     }
 
     /// How well methods predicted their errors, in words.
     pub(super) fn predicted_errors(&self) -> Vec<String> {
-        let pairs = self.heading.methods.iter().zip(&self.certainties);
+        let pairs = self.heading.methods.iter().zip(&self.sums);
         pairs
-            .filter_map(|(method, certainty)| {
-                let certainty = certainty.as_ref()?;
-                let (one, two) = certainty.coverage();
-                let curve = certainty.sparsification();
+            .filter_map(|(method, sums)| {
+                let uncertainty = sums.uncertainty.as_ref()?;
+                let (one, two) = uncertainty.coverage();
+                let curve = uncertainty.sparsification();
                 Some(format!(
                     "{method}: intervals of 68.3 % hold {:.1} % of errors, those of 95.4 % {:.1} %; negative \
                      log-likelihood {:.3}; RMSE over all pixels {:.4} m, without the most uncertain quarter {:.4} m, \
                      half {:.4} m; AUSE {:.3} of the RMSE, {:.3} of that of a random order",
                     100.0 * one,
                     100.0 * two,
-                    certainty.neg_log_likelihood(),
+                    uncertainty.neg_log_likelihood(),
                     curve[0].1,
                     curve[SLICES / 4].1,
                     curve[SLICES / 2].1,
-                    certainty.ause(),
-                    certainty.ause_of_random()
+                    uncertainty.ause(),
+                    uncertainty.ause_of_random()
                 ))
             })
             .collect()
@@ -115,7 +106,7 @@ impl Report {
     }
 }
 
-impl Display for Report {
+impl Display for EvaluationReport {
     fn fmt(&self, f: &mut Formatter<'_>) -> Result {
         for (name, text) in self.preface() {
             writeln!(f, "{name:<9} {text}")?;
@@ -125,8 +116,8 @@ impl Display for Report {
         if places.len() > 1 {
             for place in places {
                 let name = match place {
-                    Place::Indoor => "indoor",
-                    Place::Outdoor => "outdoor",
+                    Environment::Indoor => "indoor",
+                    Environment::Outdoor => "outdoor",
                 };
                 write!(f, "\n{name}:")?;
                 tables(f, &self.means(Some(place)))?;
@@ -179,9 +170,9 @@ fn tables(f: &mut Formatter<'_>, means: &[Mean]) -> Result {
         for mean in means {
             write!(f, "{:<width$}", mean.method)?;
             for metric in metrics {
-                write!(f, " {:>10}", shown(*metric, mean.mean[*metric]))?;
+                write!(f, " {:>10}", formatted(*metric, mean.mean[*metric]))?;
                 if repeated && *metric == Metric::Rmse {
-                    write!(f, " {:>8}", shown(*metric, mean.deviation[*metric]))?;
+                    write!(f, " {:>8}", formatted(*metric, mean.deviation[*metric]))?;
                 }
             }
             writeln!(f)?;
@@ -191,7 +182,7 @@ fn tables(f: &mut Formatter<'_>, means: &[Mean]) -> Result {
 }
 
 /// A value with the digits that mean something.
-pub(super) fn shown(metric: Metric, value: f64) -> String {
+pub(super) fn formatted(metric: Metric, value: f64) -> String {
     if !value.is_finite() {
         "-".to_owned()
     } else if metric.is_share() {

@@ -1,19 +1,17 @@
 //! How training went: one run, or several side by side.
 
-use super::chart::{Chart, Line, Scales};
-use super::drawing::escaped;
-use super::html::{begin, legend};
-use crate::data::write_atomically;
+use super::chart::{AxisScales, Chart, Line};
+use super::html::write_charts;
 use lsdc_files::error::{Cause, Error, Result};
 use serde::Deserialize;
-use std::fmt::{Display, Formatter, Write as _};
+use std::fmt::{Display, Formatter};
 use std::path::Path;
 
 /// The curves of training runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Training(Vec<Run>);
 
-/// A run, as its `metrics.jsonl` tells it.
+/// A run, as recorded in its `metrics.jsonl`.
 #[derive(Clone, Debug, PartialEq)]
 struct Run {
     name: String,
@@ -47,7 +45,7 @@ struct HeldOut {
 type Points = Vec<(f64, f64)>;
 
 /// Points of a curve.
-const SPANS: usize = 60;
+const MAX_POINTS: usize = 60;
 
 impl Training {
     /// Reads `metrics.jsonl` of run folders.
@@ -69,38 +67,30 @@ impl Training {
     /// # Errors
     /// The file cannot be written.
     pub fn write_html(&self, path: &Path) -> Result<()> {
-        let mut page = begin("Training");
         let names: Vec<String> = self.0.iter().map(|run| run.name.clone()).collect();
-        page.push_str(&legend(&names));
-        page.push_str("<div class='charts'>");
-        let titles = [
-            ("Loss", "loss"),
-            ("Training batches", "RMSE, m"),
-            ("Frames kept out of training, 500 points", "RMSE, m"),
-        ];
-        let curves: [fn(&Run) -> Points; 3] = [
-            |run| run.loss.clone(),
-            |run| run.rmse.clone(),
-            |run| run.held_out.iter().map(|p| (p.0, p.1)).collect(),
-        ];
-        for ((title, up), of) in titles.into_iter().zip(curves) {
+        let chart = |title: &'static str, y_label: &'static str, points: fn(&Run) -> Points| {
             let lines = self.0.iter().enumerate().map(|(colour, run)| Line {
                 colour,
-                points: of(run),
+                points: points(run),
                 ..Line::default()
             });
-            let chart = Chart {
+            Chart {
                 title,
-                across: "step",
-                up,
-                scales: Scales::Linear,
+                x_label: "step",
+                y_label,
+                scales: AxisScales::Linear,
                 lines: lines.collect(),
-            };
-            page.push_str(&chart.svg());
-        }
-        let table = escaped(&self.to_string());
-        let _ = writeln!(page, "</div><pre>{table}</pre></body></html>");
-        write_atomically(path, |out| out.write_all(page.as_bytes()))
+            }
+        };
+        let held_out = "Frames kept out of training, 500 points";
+        let charts = [
+            chart("Loss", "loss", |run| run.loss.clone()),
+            chart("Training batches", "RMSE, m", |run| run.rmse.clone()),
+            chart(held_out, "RMSE, m", |run| {
+                run.held_out.iter().map(|p| (p.0, p.1)).collect()
+            }),
+        ];
+        write_charts(path, "Training", &names, &charts, &self.to_string())
     }
 }
 
@@ -153,7 +143,7 @@ impl Run {
 
     fn of(name: String, entries: &[Entry]) -> Option<Self> {
         let steps = entries.iter().map(|e| e.step).max()?;
-        let span = steps.div_ceil(SPANS).max(1);
+        let span = steps.div_ceil(MAX_POINTS).max(1);
         let curve = |of: &dyn Fn(&Entry) -> Option<f64>| {
             let values: Vec<(usize, f64)> = entries
                 .iter()
@@ -188,6 +178,7 @@ impl Run {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fmt::Write as _;
 
     #[test]
     fn curves_are_means_over_spans() {

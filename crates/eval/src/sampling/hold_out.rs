@@ -24,24 +24,24 @@ impl HoldOut {
     ///
     /// # Errors
     /// A frame without rings, or one of whose measurements nothing or everything would be held out.
-    pub fn held(self, frame: &Frame, seed: u64) -> Result<Vec<bool>> {
+    pub fn mask(self, frame: &Frame, seed: u64) -> Result<Vec<bool>> {
         let mut rng = Rng::stream(seed, &["hold-out", &frame.id]);
-        let held = match self {
+        let mask = match self {
             Self::Rings(step) => Self::rings(frame, step)?,
             Self::Clusters(count) => Self::clusters(frame, count, &mut rng),
             Self::Region => Self::region(frame, &mut rng),
         };
         let returns = frame.sparse.as_ref().filter(|_| frame.rings.is_some());
-        let count = |map: &DepthMap, wanted: bool| {
-            let pixels = map.values().iter().zip(&held);
+        let count = |map: &DepthMap, value: bool| {
+            let pixels = map.values().iter().zip(&mask);
             pixels
-                .filter(|(depth, held)| **depth > 0.0 && **held == wanted)
+                .filter(|(depth, held_out)| **depth > 0.0 && **held_out == value)
                 .count()
         };
         let given = count(returns.unwrap_or(&frame.depth), false);
         let scored = count(&frame.depth, true);
         if given > 0 && scored > 0 {
-            return Ok(held);
+            return Ok(mask);
         }
         let what = if scored == 0 { "none" } else { "all" };
         Err(Error::config(format!(
@@ -71,7 +71,7 @@ impl HoldOut {
         let side = (width.min(height) / 8).max(1);
         let mut centres: Vec<_> = frame.depth.points().collect();
         rng.choose(&mut centres, count);
-        let mut held = vec![false; width * height];
+        let mut mask = vec![false; width * height];
         for centre in centres.iter().take(count) {
             let span = |at: usize, length: usize| {
                 let from = at.saturating_sub(side / 2);
@@ -79,11 +79,11 @@ impl HoldOut {
             };
             for y in span(centre.y, height) {
                 for x in span(centre.x, width) {
-                    held[y * width + x] = true;
+                    mask[y * width + x] = true;
                 }
             }
         }
-        held
+        mask
     }
 
     /// A scanner sees little of the upper half of an image: of several places, the first that holds a tenth of the
@@ -97,19 +97,19 @@ impl HoldOut {
             let from = rng.below((length - part + 1) as u32) as usize;
             from..from + part
         };
-        let mut held = Vec::new();
+        let mut mask = Vec::new();
         for _ in 0..TRIES {
             let (columns, rows) = (span(width), span(height));
             let pixels = (0..width * height).map(|i| (i % width, i / width));
-            held = pixels
+            mask = pixels
                 .map(|(x, y)| columns.contains(&x) && rows.contains(&y))
                 .collect();
-            let inside = depth.points().filter(|p| held[p.y * width + p.x]).count();
+            let inside = depth.points().filter(|p| mask[p.y * width + p.x]).count();
             if inside < depth.count() && 10 * inside >= depth.count() {
                 break;
             }
         }
-        held
+        mask
     }
 }
 
@@ -194,16 +194,16 @@ mod tests {
         frame.with_rings(rings.to_vec()).unwrap()
     }
 
-    fn held(law: &str, frame: &Frame, seed: u64) -> Result<Vec<bool>> {
-        law.parse::<HoldOut>().unwrap().held(frame, seed)
+    fn mask(law: &str, frame: &Frame, seed: u64) -> Result<Vec<bool>> {
+        law.parse::<HoldOut>().unwrap().mask(frame, seed)
     }
 
     #[test]
     fn every_kth_ring_is_given() {
         let frame = scan(&[0, 1, 2, 3, 4, 7, 8, -1, 12]);
         let given = |law: &str| -> Vec<usize> {
-            let held = held(law, &frame, 0).unwrap();
-            (0..9).filter(|i| !held[*i]).collect()
+            let mask = mask(law, &frame, 0).unwrap();
+            (0..9).filter(|i| !mask[*i]).collect()
         };
         assert_eq!(given("ring:4"), [0, 4, 6, 8]);
         assert_eq!(given("ring:2"), [0, 2, 4, 6, 8]);
@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn frames_without_rings_and_laws_that_leave_nothing_are_errors() {
-        let message = |frame: &Frame| held("ring:2", frame, 0).unwrap_err().to_string();
+        let message = |frame: &Frame| mask("ring:2", frame, 0).unwrap_err().to_string();
         assert!(message(&plain(4, 1, vec![1.0; 4])).contains("no rings"));
         assert!(message(&scan(&[-1, -1])).contains("no rings"));
         assert!(message(&scan(&[1, 3])).contains("all of its true depths"));
@@ -225,8 +225,8 @@ mod tests {
         let frame = plain(80, 64, values);
         let mut found = std::collections::BTreeSet::new();
         for seed in 0..30 {
-            let held = held("clusters:1", &frame, seed).unwrap();
-            let pixels: Vec<usize> = (0..held.len()).filter(|i| held[*i]).collect();
+            let mask = mask("clusters:1", &frame, seed).unwrap();
+            let pixels: Vec<usize> = (0..mask.len()).filter(|i| mask[*i]).collect();
             let (first, last) = (pixels[0], pixels[pixels.len() - 1]);
             found.insert((first % 80, first / 80, last % 80, last / 80, pixels.len()));
         }
@@ -234,8 +234,8 @@ mod tests {
         let blocks = [(0, 0, 3, 3, 16), (36, 28, 43, 35, 64), (74, 0, 79, 5, 36)];
         assert_eq!(found.into_iter().collect::<Vec<_>>(), blocks);
         assert_eq!(
-            held("clusters:2", &frame, 3).unwrap(),
-            held("clusters:2", &frame, 3).unwrap()
+            mask("clusters:2", &frame, 3).unwrap(),
+            mask("clusters:2", &frame, 3).unwrap()
         );
     }
 
@@ -245,9 +245,9 @@ mod tests {
         let values = (0..40 * 32).map(|i| if i >= 28 * 40 { 2.0 } else { 0.0 });
         let frame = plain(40, 32, values.collect());
         for seed in 0..20 {
-            let held = held("region", &frame, seed).unwrap();
-            assert_eq!(held.iter().filter(|held| **held).count(), 20 * 16);
-            let scored = frame.depth.points().filter(|p| held[p.y * 40 + p.x]);
+            let mask = mask("region", &frame, seed).unwrap();
+            assert_eq!(mask.iter().filter(|held_out| **held_out).count(), 20 * 16);
+            let scored = frame.depth.points().filter(|p| mask[p.y * 40 + p.x]);
             assert!((16..160).contains(&scored.count()));
         }
     }
@@ -263,8 +263,8 @@ mod tests {
         for wrong in ["ring:1", "ring:-2", "ring", "clusters:0", "region:", "half"] {
             assert!(wrong.parse::<HoldOut>().is_err(), "{wrong}");
         }
-        let said = |text: &str| text.parse::<HoldOut>().unwrap().to_string();
-        assert_eq!(said("ring:2"), "all rings but every 2nd");
-        assert_eq!(said("ring:12"), "all rings but every 12th");
+        let text_of = |text: &str| text.parse::<HoldOut>().unwrap().to_string();
+        assert_eq!(text_of("ring:2"), "all rings but every 2nd");
+        assert_eq!(text_of("ring:12"), "all rings but every 12th");
     }
 }

@@ -61,7 +61,7 @@ impl Noise {
         let (width, height) = (sparse.width(), sparse.height());
         match self {
             Self::Added { share, most } => {
-                for point in chosen(&mut points, share, &mut rng) {
+                for point in random_share(&mut points, share, &mut rng) {
                     point.depth += rng.range(0.0, most);
                 }
             }
@@ -74,19 +74,19 @@ impl Noise {
                     sorted.get(at).copied().unwrap_or(0.0)
                 };
                 let (low, high) = (percentile(0.1), percentile(0.9));
-                for point in chosen(&mut points, share, &mut rng) {
+                for point in random_share(&mut points, share, &mut rng) {
                     point.depth = rng.range(low, high);
                 }
             }
             Self::Moved { least, most } => {
                 for point in &mut points {
-                    let (way, turn) = (rng.range(least, most), rng.range(0.0, TAU));
-                    let place = |at: usize, off: f32, length: usize| {
-                        let moved = (at as f32 + off).round();
+                    let (distance, turn) = (rng.range(least, most), rng.range(0.0, TAU));
+                    let place = |at: usize, change: f32, length: usize| {
+                        let moved = (at as f32 + change).round();
                         (moved.max(0.0) as usize).min(length - 1)
                     };
-                    point.x = place(point.x, way * turn.cos(), width);
-                    point.y = place(point.y, way * turn.sin(), height);
+                    point.x = place(point.x, distance * turn.cos(), width);
+                    point.y = place(point.y, distance * turn.sin(), height);
                 }
             }
             Self::Region { share, metres } => {
@@ -104,10 +104,10 @@ impl Noise {
             }
             Self::Stereo { factor } => {
                 /// What is left of a depth at least.
-                const LEAST: f32 = 0.05;
+                const MIN_RATIO: f32 = 0.05;
                 for point in &mut points {
-                    let off = factor * point.depth * point.depth * rng.normal();
-                    point.depth = (point.depth + off).max(LEAST * point.depth);
+                    let change = factor * point.depth * point.depth * rng.normal();
+                    point.depth = (point.depth + change).max(MIN_RATIO * point.depth);
                 }
             }
         }
@@ -116,7 +116,7 @@ impl Noise {
 }
 
 /// This share of the points, drawn at random.
-fn chosen<'a>(points: &'a mut [Point], share: f32, rng: &mut Rng) -> &'a mut [Point] {
+fn random_share<'a>(points: &'a mut [Point], share: f32, rng: &mut Rng) -> &'a mut [Point] {
     let count = (share * points.len() as f32).round() as usize;
     rng.choose(points, count);
     &mut points[..count]
@@ -252,11 +252,11 @@ mod tests {
             noise.apply(&sparse, 3, "a").unwrap()
         };
         let region = spoiled("region:0.25:0.5");
-        let off: Vec<usize> = (0..20_000).filter(|&i| region.values()[i] != 4.0).collect();
+        let changed: Vec<usize> = (0..20_000).filter(|&i| region.values()[i] != 4.0).collect();
         // A half of either side.
-        assert!((4900..5100).contains(&off.len()), "{}", off.len());
-        assert!(off.iter().all(|&i| region.values()[i] == 4.5));
-        let columns = off.iter().map(|i| i % 200);
+        assert!((4900..5100).contains(&changed.len()), "{}", changed.len());
+        assert!(changed.iter().all(|&i| region.values()[i] == 4.5));
+        let columns = changed.iter().map(|i| i % 200);
         assert!(columns.clone().max().unwrap() - columns.min().unwrap() <= 100);
         let stereo = spoiled("stereo:0.01");
         let squares: f32 = stereo.values().iter().map(|v| (v - 4.0).powi(2)).sum();

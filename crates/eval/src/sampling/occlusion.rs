@@ -2,6 +2,7 @@
 //! background that the camera does not.
 
 use crate::data::DepthMap;
+use crate::window;
 use lsdc_files::error::Result;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
@@ -43,13 +44,10 @@ impl Occlusion {
     /// None for a map of depths.
     pub fn without(&self, returns: &DepthMap) -> Result<DepthMap> {
         let (width, height) = (returns.width(), returns.height());
-        let around = |at: usize, reach: usize, length: usize| {
-            at.saturating_sub(reach)..at.saturating_add(reach + 1).min(length)
-        };
         let mut values = returns.values().to_vec();
         for point in returns.points() {
-            let rows = around(point.y, self.height / 2, height);
-            let columns = || around(point.x, self.width / 2, width);
+            let rows = window(point.y, self.height / 2, height);
+            let columns = || window(point.x, self.width / 2, width);
             let nearest = rows
                 .flat_map(|y| columns().map(move |x| returns.at(x, y)))
                 .filter(|depth| *depth > 0.0)
@@ -110,13 +108,13 @@ mod tests {
                 at(0, 39, 3.0),
             ],
         );
-        let left = Occlusion::default().without(&returns).unwrap();
-        let gone: Vec<(usize, usize)> = returns
+        let visible = Occlusion::default().without(&returns).unwrap();
+        let removed: Vec<(usize, usize)> = returns
             .points()
-            .filter(|p| left.at(p.x, p.y) == 0.0)
+            .filter(|p| visible.at(p.x, p.y) == 0.0)
             .map(|p| (p.x, p.y))
             .collect();
-        assert_eq!(gone, [(25, 6), (7, 15), (13, 25)]);
-        assert_eq!(left.count(), 8);
+        assert_eq!(removed, [(25, 6), (7, 15), (13, 25)]);
+        assert_eq!(visible.count(), 8);
     }
 }

@@ -1,5 +1,6 @@
 //! Where sparse depths come from: sampling patterns over the valid pixels of a frame.
 
+use super::Size;
 use super::corners::strongest;
 use crate::data::{DepthMap, Frame, Point, read_depth};
 use lsdc_files::error::{Error, Result};
@@ -11,7 +12,7 @@ use std::str::FromStr;
 
 /// A law that picks sparse points of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Written", into = "String")]
+#[serde(try_from = "PatternConfig", into = "String")]
 pub enum Pattern {
     /// Exactly this many pixels, uniform without replacement among the valid ones (NLSPN's law);
     /// all of them if there are fewer.
@@ -45,23 +46,18 @@ impl Pattern {
         let depth = &frame.depth;
         let mut rng = Rng::stream(seed, &["pattern", &frame.id]);
         let points: Vec<Point> = match self {
-            Self::Exactly(count) => {
-                let mut points: Vec<Point> = depth.points().collect();
-                rng.choose(&mut points, *count);
-                points.truncate(*count);
-                points
-            }
+            Self::Exactly(count) => chosen(depth.points().collect(), *count, &mut rng),
             Self::Bernoulli(count) => {
                 let share = *count as f32 / depth.count().max(1) as f32;
                 depth.points().filter(|_| rng.chance(share)).collect()
             }
             Self::BernoulliAll(count) => {
                 let share = *count as f32 / depth.values().len() as f32;
-                let mut taken = depth.values().iter().map(|_| rng.chance(share));
-                let taken: Vec<bool> = taken.by_ref().collect();
+                let selected = depth.values().iter().map(|_| rng.chance(share));
+                let selected: Vec<bool> = selected.collect();
                 depth
                     .points()
-                    .filter(|p| taken[p.y * depth.width() + p.x])
+                    .filter(|p| selected[p.y * depth.width() + p.x])
                     .collect()
             }
             Self::Grid(step) => {
@@ -85,11 +81,8 @@ impl Pattern {
                 .take(*count)
                 .collect(),
             Self::Half(count) => {
-                let kept = half(frame, seed);
-                let mut points: Vec<Point> = depth.points().filter(kept).collect();
-                rng.choose(&mut points, *count);
-                points.truncate(*count);
-                points
+                let in_half = random_half(frame, seed);
+                chosen(depth.points().filter(in_half).collect(), *count, &mut rng)
             }
             Self::Given => {
                 return frame.sparse.clone().ok_or_else(|| {
@@ -107,8 +100,15 @@ impl Pattern {
     }
 }
 
+/// This many of the points, drawn at random; all of them if there are fewer.
+fn chosen(mut points: Vec<Point>, count: usize, rng: &mut Rng) -> Vec<Point> {
+    rng.choose(&mut points, count);
+    points.truncate(count);
+    points
+}
+
 /// Whether a point lies in one half of a frame.
-fn half(frame: &Frame, seed: u64) -> impl Fn(&Point) -> bool {
+fn random_half(frame: &Frame, seed: u64) -> impl Fn(&Point) -> bool {
     let (height, width) = (frame.depth.height(), frame.depth.width());
     let side = Rng::stream(seed, &["half", &frame.id]).below(4);
     move |point| match side {
@@ -128,8 +128,7 @@ fn from_file(folder: &std::path::Path, frame: &Frame) -> Result<DepthMap> {
         (npy, 1.0)
     };
     let sparse = read_depth(&path, scale)?;
-    let size = |map: &DepthMap| (map.width(), map.height());
-    if size(&sparse) != size(&frame.depth) {
+    if Size::of(&sparse) != Size::of(&frame.depth) {
         return Err(Error::shape(format!(
             "`{}` is {}x{} but the frame is {}x{}",
             path.display(),
@@ -170,18 +169,18 @@ impl FromStr for Pattern {
                  half:N, given, files:DIR",
             )
         };
-        let (law, rest) = text.split_once(':').unwrap_or((text, ""));
+        let (law, value) = text.split_once(':').unwrap_or((text, ""));
         let number = |t: &str| t.parse().ok().filter(|&n| n > 0).ok_or_else(wrong);
         Ok(match law {
-            "exactly" => Self::Exactly(number(rest)?),
-            "bernoulli" => Self::Bernoulli(number(rest)?),
-            "bernoulli-all" => Self::BernoulliAll(number(rest)?),
-            "grid" => Self::Grid(number(rest)?),
-            "lines" => Self::Lines(number(rest)?),
-            "corners" => Self::Corners(number(rest)?),
-            "half" => Self::Half(number(rest)?),
-            "given" if rest.is_empty() => Self::Given,
-            "files" if !rest.is_empty() => Self::Files(rest.into()),
+            "exactly" => Self::Exactly(number(value)?),
+            "bernoulli" => Self::Bernoulli(number(value)?),
+            "bernoulli-all" => Self::BernoulliAll(number(value)?),
+            "grid" => Self::Grid(number(value)?),
+            "lines" => Self::Lines(number(value)?),
+            "corners" => Self::Corners(number(value)?),
+            "half" => Self::Half(number(value)?),
+            "given" if value.is_empty() => Self::Given,
+            "files" if !value.is_empty() => Self::Files(value.into()),
             _ => Self::Exactly(number(text)?),
         })
     }
@@ -206,18 +205,18 @@ impl From<Pattern> for String {
 /// A pattern in a configuration: text, or a number of points.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum Written {
+enum PatternConfig {
     Count(usize),
     Text(String),
 }
 
-impl TryFrom<Written> for Pattern {
+impl TryFrom<PatternConfig> for Pattern {
     type Error = Error;
 
-    fn try_from(written: Written) -> Result<Self> {
+    fn try_from(written: PatternConfig) -> Result<Self> {
         match written {
-            Written::Count(count) => count.to_string().parse(),
-            Written::Text(text) => text.parse(),
+            PatternConfig::Count(count) => count.to_string().parse(),
+            PatternConfig::Text(text) => text.parse(),
         }
     }
 }

@@ -8,7 +8,7 @@ use lsdc_files::error::{Error, Result};
 
 /// A published protocol and the points that it gives.
 #[derive(Clone, Debug)]
-pub struct Preset {
+pub struct ProtocolPreset {
     /// The name on the command line.
     pub name: &'static str,
     /// Which frames, sizes and depths.
@@ -19,7 +19,7 @@ pub struct Preset {
     pub source: &'static str,
 }
 
-impl Preset {
+impl ProtocolPreset {
     /// The preset of this name.
     ///
     /// # Errors
@@ -164,13 +164,13 @@ mod tests {
 
     #[test]
     fn presets_are_found_by_name() {
-        for preset in Preset::all() {
+        for preset in ProtocolPreset::all() {
             assert_eq!(
-                Preset::named(preset.name).unwrap().protocol,
+                ProtocolPreset::named(preset.name).unwrap().protocol,
                 preset.protocol
             );
         }
-        let error = Preset::named("nuy").unwrap_err();
+        let error = ProtocolPreset::named("nuy").unwrap_err();
         assert!(error.advice().unwrap().contains("nyu-s2d"));
     }
 }

@@ -3,7 +3,8 @@
 use super::Size;
 use super::occlusion::Occlusion;
 use super::resize::{Interpolation, move_points, resize_depth, resize_rgb, sources_of_points};
-use crate::data::{DepthMap, Frame, Place};
+use crate::data::{DepthMap, Environment, Frame};
+use crate::window;
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
@@ -84,7 +85,7 @@ impl Protocol {
             None => Ok(frame),
             Some(size) => {
                 let corner = self.corner(&frame)?;
-                cut_out(&frame, corner, size)
+                cropped(&frame, corner, size)
             }
         }
     }
@@ -105,7 +106,7 @@ impl Protocol {
         }
         if let Some(size) = self.cut {
             let corner = corner(&frame, size, Anchor::Centre)?;
-            frame = cut_out(&frame, corner, size)?;
+            frame = cropped(&frame, corner, size)?;
         }
         if let Some(size) = self.resize {
             frame.rgb = resize_rgb(&frame.rgb, size, self.rgb_resize)?;
@@ -141,11 +142,8 @@ impl Protocol {
     /// # Errors
     /// A frame that is smaller than the crop.
     pub fn corner(&self, frame: &Frame) -> Result<(usize, usize)> {
-        let whole = Size {
-            height: frame.depth.height(),
-            width: frame.depth.width(),
-        };
-        corner(frame, self.crop.unwrap_or(whole), self.anchor)
+        let size = self.crop.unwrap_or(Size::of(&frame.depth));
+        corner(frame, size, self.anchor)
     }
 
     /// The true depths that count.
@@ -172,22 +170,22 @@ impl Protocol {
             Some(jumps) => without_jumps(
                 &depth,
                 match frame.place {
-                    Place::Indoor => jumps.indoor,
-                    Place::Outdoor => jumps.outdoor,
+                    Environment::Indoor => jumps.indoor,
+                    Environment::Outdoor => jumps.outdoor,
                 },
             ),
         }
     }
 }
 
-fn without_jumps(depth: &DepthMap, most: f32) -> Result<DepthMap> {
+fn without_jumps(depth: &DepthMap, max_jump: f32) -> Result<DepthMap> {
     let (width, height) = (depth.width(), depth.height());
     let smooth = |x: usize, y: usize| {
         let here = depth.at(x, y);
-        (y.saturating_sub(1)..(y + 2).min(height)).all(|v| {
-            (x.saturating_sub(1)..(x + 2).min(width)).all(|u| {
-                let there = depth.at(u, v);
-                there == 0.0 || (there - here).abs() <= most * here
+        window(y, 1, height).all(|v| {
+            window(x, 1, width).all(|u| {
+                let neighbour = depth.at(u, v);
+                neighbour == 0.0 || (neighbour - here).abs() <= max_jump * here
             })
         })
     };
@@ -200,23 +198,23 @@ fn without_jumps(depth: &DepthMap, most: f32) -> Result<DepthMap> {
 
 /// The upper left pixel of a crop.
 fn corner(frame: &Frame, size: Size, anchor: Anchor) -> Result<(usize, usize)> {
-    let (width, height) = (frame.depth.width(), frame.depth.height());
-    if size.height > height || size.width > width {
+    let whole = Size::of(&frame.depth);
+    if size.height > whole.height || size.width > whole.width {
         return Err(Error::shape(format!(
-            "frame `{}` of {height}x{width} is smaller than the crop of {size}",
+            "frame `{}` of {whole} is smaller than the crop of {size}",
             frame.id
         )));
     }
     // Rounded half to even, as torchvision's CenterCrop.
     let half = |room: usize| (room as f64 / 2.0).round_ties_even() as usize;
     let top = match anchor {
-        Anchor::Centre => half(height - size.height),
-        Anchor::Bottom => height - size.height,
+        Anchor::Centre => half(whole.height - size.height),
+        Anchor::Bottom => whole.height - size.height,
     };
-    Ok((half(width - size.width), top))
+    Ok((half(whole.width - size.width), top))
 }
 
-fn cut_out(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Frame> {
+fn cropped(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Frame> {
     let part = |map: &DepthMap| {
         let values = (top..top + size.height)
             .flat_map(|y| (left..left + size.width).map(move |x| map.at(x, y)))

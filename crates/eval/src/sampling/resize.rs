@@ -48,19 +48,19 @@ impl Interpolation {
 
     fn algorithm(self) -> Algorithm {
         match self {
-            Self::PilBilinear => Algorithm::Weighted(ResizeAlg::Convolution(FilterType::Bilinear)),
-            Self::CvBilinear => Algorithm::Weighted(ResizeAlg::Interpolation(FilterType::Bilinear)),
-            Self::PilNearest => Algorithm::Picked(pil_sources),
-            Self::CvNearest => Algorithm::Picked(cv_sources),
+            Self::PilBilinear => Algorithm::Filter(ResizeAlg::Convolution(FilterType::Bilinear)),
+            Self::CvBilinear => Algorithm::Filter(ResizeAlg::Interpolation(FilterType::Bilinear)),
+            Self::PilNearest => Algorithm::Nearest(pil_sources),
+            Self::CvNearest => Algorithm::Nearest(cv_sources),
         }
     }
 }
 
 /// Weighted means of pixels, or the choice of one.
 enum Algorithm {
-    Weighted(ResizeAlg),
+    Filter(ResizeAlg),
     /// From the lengths of source and result to the source index of every result pixel.
-    Picked(fn(usize, usize) -> Vec<usize>),
+    Nearest(fn(usize, usize) -> Vec<usize>),
 }
 
 /// PIL steps from half a source pixel on by repeated addition, and rounds down.
@@ -83,7 +83,7 @@ fn cv_sources(from: usize, to: usize) -> Vec<usize> {
 ///
 /// # Errors
 /// A size of 0.
-pub fn resize_rgb(rgb: &RgbImage, size: Size, law: Interpolation) -> Result<RgbImage> {
+pub fn resize_rgb(rgb: &RgbImage, size: Size, interpolation: Interpolation) -> Result<RgbImage> {
     let from = Size {
         height: rgb.height() as usize,
         width: rgb.width() as usize,
@@ -91,9 +91,9 @@ pub fn resize_rgb(rgb: &RgbImage, size: Size, law: Interpolation) -> Result<RgbI
     if from == size {
         return Ok(rgb.clone());
     }
-    check(from, size)?;
-    match law.algorithm() {
-        Algorithm::Weighted(algorithm) => {
+    check_sizes(from, size)?;
+    match interpolation.algorithm() {
+        Algorithm::Filter(algorithm) => {
             let colours = rgb.as_raw().as_chunks().0.iter();
             let colours: Vec<U8x3> = colours.map(|&colour| U8x3::new(colour)).collect();
             let colours = convolve(&colours, from, size, algorithm)?;
@@ -101,7 +101,7 @@ pub fn resize_rgb(rgb: &RgbImage, size: Size, law: Interpolation) -> Result<RgbI
             RgbImage::from_raw(size.width as u32, size.height as u32, bytes)
                 .ok_or_else(|| Error::shape("resized image has the wrong size"))
         }
-        Algorithm::Picked(sources) => {
+        Algorithm::Nearest(sources) => {
             let columns = sources(from.width, size.width);
             let rows = sources(from.height, size.height);
             Ok(RgbImage::from_fn(
@@ -118,18 +118,19 @@ pub fn resize_rgb(rgb: &RgbImage, size: Size, law: Interpolation) -> Result<RgbI
 ///
 /// # Errors
 /// A size of 0.
-pub fn resize_depth(depth: &DepthMap, size: Size, law: Interpolation) -> Result<DepthMap> {
-    let from = Size {
-        height: depth.height(),
-        width: depth.width(),
-    };
+pub fn resize_depth(
+    depth: &DepthMap,
+    size: Size,
+    interpolation: Interpolation,
+) -> Result<DepthMap> {
+    let from = Size::of(depth);
     if from == size {
         return Ok(depth.clone());
     }
-    check(from, size)?;
-    let values = match law.algorithm() {
-        Algorithm::Weighted(algorithm) => weigh(depth, from, size, algorithm)?,
-        Algorithm::Picked(sources) => {
+    check_sizes(from, size)?;
+    let values = match interpolation.algorithm() {
+        Algorithm::Filter(algorithm) => filter_depth(depth, from, size, algorithm)?,
+        Algorithm::Nearest(sources) => {
             let columns = sources(from.width, size.width);
             let rows = sources(from.height, size.height);
             rows.iter()
@@ -140,7 +141,7 @@ pub fn resize_depth(depth: &DepthMap, size: Size, law: Interpolation) -> Result<
     Ok(DepthMap::new(size.width, size.height, values)?)
 }
 
-fn weigh(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result<Vec<f32>> {
+fn filter_depth(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result<Vec<f32>> {
     let filter = |values: &[f32]| -> Result<Vec<f32>> {
         let values: Vec<F32> = values.iter().map(|&value| F32::new(value)).collect();
         let resized = convolve(&values, from, to, algorithm)?;
@@ -179,11 +180,8 @@ pub fn move_points(sparse: &DepthMap, size: Size) -> Result<DepthMap> {
 /// # Errors
 /// A size of 0.
 pub(super) fn sources_of_points(sparse: &DepthMap, size: Size) -> Result<Vec<Option<usize>>> {
-    let from = Size {
-        height: sparse.height(),
-        width: sparse.width(),
-    };
-    check(from, size)?;
+    let from = Size::of(sparse);
+    check_sizes(from, size)?;
     let moved = |i: usize, from: usize, to: usize| (2 * i + 1) * to / (2 * from);
     let mut sources: Vec<Option<usize>> = vec![None; size.width * size.height];
     for point in sparse.points() {
@@ -197,7 +195,7 @@ pub(super) fn sources_of_points(sparse: &DepthMap, size: Size) -> Result<Vec<Opt
     Ok(sources)
 }
 
-fn check(from: Size, to: Size) -> Result<()> {
+fn check_sizes(from: Size, to: Size) -> Result<()> {
     if [from.width, from.height, to.width, to.height].contains(&0) {
         return Err(Error::shape(format!("cannot resize {from} to {to}")));
     }
@@ -210,19 +208,19 @@ fn convolve<P: PixelTrait>(
     to: Size,
     algorithm: ResizeAlg,
 ) -> Result<Vec<P>> {
-    let wrong =
+    let resize_error =
         |e: &dyn std::fmt::Display| Error::shape(format!("cannot resize {from} to {to}: {e}"));
-    let source =
-        TypedImageRef::new(from.width as u32, from.height as u32, pixels).map_err(|e| wrong(&e))?;
+    let source = TypedImageRef::new(from.width as u32, from.height as u32, pixels)
+        .map_err(|e| resize_error(&e))?;
     let mut resized = vec![P::default(); to.width * to.height];
     let (width, height) = (to.width as u32, to.height as u32);
     let mut target =
-        TypedImage::from_pixels_slice(width, height, &mut resized).map_err(|e| wrong(&e))?;
+        TypedImage::from_pixels_slice(width, height, &mut resized).map_err(|e| resize_error(&e))?;
     let options = ResizeOptions::new().resize_alg(algorithm);
     // Not `resize`, which is compiled for every type of pixel.
     Resizer::new()
         .resize_typed(&source, &mut target, &options)
-        .map_err(|e| wrong(&e))?;
+        .map_err(|e| resize_error(&e))?;
     Ok(resized)
 }
 
@@ -248,8 +246,8 @@ mod tests {
         let mut values = vec![2.0; 64];
         values[27] = 0.0;
         let depth = DepthMap::new(8, 8, values).unwrap();
-        for law in [Interpolation::PilBilinear, Interpolation::CvBilinear] {
-            let half = resize_depth(&depth, size(4, 4), law).unwrap();
+        for interpolation in [Interpolation::PilBilinear, Interpolation::CvBilinear] {
+            let half = resize_depth(&depth, size(4, 4), interpolation).unwrap();
             let sound = |v: &f32| *v == 0.0 || (*v - 2.0).abs() < 1e-5;
             assert!(half.values().iter().all(sound));
             assert!(half.count() < 16 && half.count() >= 7);
@@ -259,7 +257,7 @@ mod tests {
     #[test]
     fn the_two_nearests_differ_where_they_should() {
         let depth = DepthMap::new(4, 4, (1..=16).map(|v| v as f32).collect()).unwrap();
-        let half = |law| resize_depth(&depth, size(2, 2), law).unwrap();
+        let half = |interpolation| resize_depth(&depth, size(2, 2), interpolation).unwrap();
         assert_eq!(
             half(Interpolation::CvNearest).values(),
             [1.0, 3.0, 9.0, 11.0]

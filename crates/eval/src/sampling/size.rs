@@ -1,5 +1,6 @@
 //! The size of a frame in pixels.
 
+use crate::data::DepthMap;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 
@@ -10,6 +11,16 @@ pub struct Size {
     pub height: usize,
     /// Columns.
     pub width: usize,
+}
+
+impl Size {
+    /// The size of a map.
+    pub(crate) fn of(map: &DepthMap) -> Self {
+        Self {
+            height: map.height(),
+            width: map.width(),
+        }
+    }
 }
 
 impl Display for Size {

@@ -6,21 +6,21 @@ use lsdc_files::error::{Error, Result};
 
 /// The points of a frame and the depths to be found, as large as the frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Task {
+pub struct CompletionTask {
     /// What is given.
     pub sparse: DepthMap,
     /// What is scored.
     pub truth: DepthMap,
 }
 
-impl Task {
+impl CompletionTask {
     /// Draws the points of a frame that the protocol has brought to its size: the same under a seed on every machine.
     ///
     /// What is held out is scored and never given. If nothing is held out, all true depths are scored: those that are
     /// given as well, but not of laser scans, whose points are drawn from all returns.
     ///
     /// # Errors
-    /// As [`Pattern::draw`] and [`HoldOut::held`], or nothing is left to be scored.
+    /// As [`Pattern::draw`] and [`HoldOut::mask`], or nothing is left to be scored.
     pub fn draw(
         frame: &Frame,
         points: &Pattern,
@@ -28,29 +28,29 @@ impl Task {
         noise: Option<Noise>,
         seed: u64,
     ) -> Result<Self> {
-        let held = hold_out.map(|law| law.held(frame, seed)).transpose()?;
+        let held_out = hold_out.map(|law| law.mask(frame, seed)).transpose()?;
         let returns = frame.sparse.as_ref().filter(|_| frame.rings.is_some());
-        let drawn = match (&held, returns) {
+        let drawn = match (&held_out, returns) {
             (None, None) => points.draw(frame, seed)?,
-            (held, returns) => {
-                let left = |map: &DepthMap| match held {
+            (held_out, returns) => {
+                let remaining = |map: &DepthMap| match held_out {
                     None => Ok(map.clone()),
-                    Some(held) => kept(map, |pixel| !held[pixel]),
+                    Some(held_out) => masked(map, |pixel| !held_out[pixel]),
                 };
-                let sparse = frame.sparse.as_ref().map(left).transpose()?;
-                let pool = Frame {
-                    depth: left(returns.unwrap_or(&frame.depth))?,
+                let sparse = frame.sparse.as_ref().map(remaining).transpose()?;
+                let candidates = Frame {
+                    depth: remaining(returns.unwrap_or(&frame.depth))?,
                     sparse,
                     ..frame.clone()
                 };
                 // Again, because points may come from files.
-                left(&points.draw(&pool, seed)?)?
+                remaining(&points.draw(&candidates, seed)?)?
             }
         };
-        let truth = match (&held, returns) {
+        let truth = match (&held_out, returns) {
             (None, None) => frame.depth.clone(),
-            (Some(held), _) => kept(&frame.depth, |pixel| held[pixel])?,
-            (None, Some(_)) => kept(&frame.depth, |pixel| drawn.values()[pixel] == 0.0)?,
+            (Some(held_out), _) => masked(&frame.depth, |pixel| held_out[pixel])?,
+            (None, Some(_)) => masked(&frame.depth, |pixel| drawn.values()[pixel] == 0.0)?,
         };
         if truth.count() == 0 {
             return Err(Error::config(format!(
@@ -68,7 +68,7 @@ impl Task {
 }
 
 /// The depths at the pixels that count.
-fn kept(map: &DepthMap, counts: impl Fn(usize) -> bool) -> Result<DepthMap> {
+fn masked(map: &DepthMap, counts: impl Fn(usize) -> bool) -> Result<DepthMap> {
     let values = map.values().iter().enumerate();
     let values = values.map(|(pixel, depth)| if counts(pixel) { *depth } else { 0.0 });
     Ok(DepthMap::new(map.width(), map.height(), values.collect())?)
@@ -77,7 +77,7 @@ fn kept(map: &DepthMap, counts: impl Fn(usize) -> bool) -> Result<DepthMap> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::Preset;
+    use crate::sampling::ProtocolPreset;
     use image::RgbImage;
 
     /// Ten returns in a row on rings 0 to 9, the last but one seen past the last.
@@ -90,9 +90,9 @@ mod tests {
         frame.with_rings((0..10).collect()).unwrap()
     }
 
-    fn task(frame: &Frame, points: &str, hold_out: Option<&str>) -> Result<Task> {
+    fn task(frame: &Frame, points: &str, hold_out: Option<&str>) -> Result<CompletionTask> {
         let law = hold_out.map(|law| law.parse().unwrap());
-        Task::draw(frame, &points.parse().unwrap(), law, None, 0)
+        CompletionTask::draw(frame, &points.parse().unwrap(), law, None, 0)
     }
 
     fn columns(map: &DepthMap) -> Vec<usize> {
@@ -102,7 +102,10 @@ mod tests {
     #[test]
     fn rings_are_given_or_scored_after_the_filter_of_the_protocol() {
         let of = |preset: &str| {
-            let frame = Preset::named(preset).unwrap().protocol.apply(&scan());
+            let frame = ProtocolPreset::named(preset)
+                .unwrap()
+                .protocol
+                .apply(&scan());
             let task = task(&frame.unwrap(), "given", Some("ring:4")).unwrap();
             (columns(&task.sparse), columns(&task.truth))
         };
@@ -116,7 +119,7 @@ mod tests {
 
     #[test]
     fn returns_that_are_not_given_are_scored() {
-        let frame = Preset::named("scans")
+        let frame = ProtocolPreset::named("scans")
             .unwrap()
             .protocol
             .apply(&scan())

@@ -1,6 +1,6 @@
 //! Reading cameras, from files and from four numbers.
 
-use super::stored::Stored;
+use super::stored::CameraFile;
 use super::{Camera, ros};
 use crate::error::{Error, Result};
 use crate::files::has_ending;
@@ -18,7 +18,7 @@ impl Camera {
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
         let is = |ending: &str| has_ending(path, ending);
-        let stored: Stored = if is("yaml") || is("yml") {
+        let stored: CameraFile = if is("yaml") || is("yml") {
             ros::parse(&text).map_err(|what| Error::format(path, what))
         } else if is("json") {
             serde_json::from_str(&text).map_err(|e| Error::format(path, "is no camera").because(e))
@@ -32,6 +32,23 @@ impl Camera {
         .map_err(|e| e.hint("a camera is TOML or JSON with fx, fy, cx, cy, model and distortion, or the camera_info of ROS; see docs/guide.md"))?;
         Self::try_from(stored).map_err(|what| Error::format(path, what))
     }
+
+    /// The camera of the text `FX,FY,CX,CY`; `None` if the text is anything else.
+    ///
+    /// # Errors
+    /// Focal lengths that are not positive; numbers that are not finite.
+    pub fn of_numbers(text: &str) -> Option<Result<Self>> {
+        let [fx, fy, cx, cy] = numbers(text)?[..] else {
+            return None;
+        };
+        let camera = Self::try_from(CameraFile::pinhole([fx, fy, cx, cy]));
+        Some(camera.map_err(|what| Error::config(format!("`{text}` {what}"))))
+    }
+}
+
+/// The numbers of a list with commas, if it has nothing else.
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    text.split(',').map(|n| n.trim().parse().ok()).collect()
 }
 
 impl FromStr for Camera {
@@ -39,25 +56,17 @@ impl FromStr for Camera {
 
     /// `FX,FY,CX,CY`, or the path of a file.
     fn from_str(text: &str) -> Result<Self> {
-        let numbers: Vec<Option<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
-        let [fx @ Some(_), fy @ Some(_), cx @ Some(_), cy @ Some(_)] = numbers[..] else {
-            let count = numbers.iter().flatten().count();
-            if count > 1 && count == numbers.len() && !Path::new(text).exists() {
-                let what = format!("`{text}` has {count} numbers, but a camera four");
-                return Err(Error::config(what).hint(
-                    "FX,FY,CX,CY in pixels: the focal lengths and the principal point; with distortion, give a file",
-                ));
-            }
-            return Self::read(Path::new(text));
-        };
-        let stored = Stored {
-            fx,
-            fy,
-            cx,
-            cy,
-            ..Stored::default()
-        };
-        Self::try_from(stored).map_err(|what| Error::config(format!("`{text}` {what}")))
+        if let Some(camera) = Self::of_numbers(text) {
+            return camera;
+        }
+        let count = numbers(text).map_or(0, |numbers| numbers.len());
+        if count > 1 && !Path::new(text).exists() {
+            let what = format!("`{text}` has {count} numbers, but a camera four");
+            return Err(Error::config(what).hint(
+                "FX,FY,CX,CY in pixels: the focal lengths and the principal point; with distortion, give a file",
+            ));
+        }
+        Self::read(Path::new(text))
     }
 }
 

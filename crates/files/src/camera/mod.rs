@@ -9,6 +9,7 @@ pub use ros::CameraInfo;
 use super::Orientation;
 use super::grid::{pixel, same_shape};
 use crate::error::{Error, Result};
+use crate::pose::Pose;
 use lsdc_core::Lens;
 use std::fmt::{Display, Formatter};
 
@@ -46,10 +47,6 @@ impl Camera {
         &self.optics
     }
 
-    fn assuming(self, assumed: Vec<String>) -> Self {
-        Self { assumed, ..self }
-    }
-
     pub(super) fn with_lens(self, lens: Lens) -> Self {
         Self {
             optics: self.optics.with_lens(lens),
@@ -78,14 +75,25 @@ impl Camera {
     /// translation.
     #[must_use]
     pub fn moved(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
-        let (own, [x, y, z]) = self.optics.pose();
-        if (own, [x, y, z]) == (IDENTITY, [0.0; 3]) {
-            return self.with_pose(rotation, translation);
+        let first = Pose {
+            rotation,
+            translation,
+        };
+        let own = self.pose();
+        let pose = if own == Pose::IDENTITY {
+            first
+        } else {
+            own.after(first)
+        };
+        self.with_pose(pose.rotation, pose.translation)
+    }
+
+    fn pose(&self) -> Pose {
+        let (rotation, translation) = self.optics.pose();
+        Pose {
+            rotation,
+            translation,
         }
-        let columns = [0, 1, 2].map(|j| rotation.map(|row| row[j]));
-        let turned = own.map(|row| columns.map(|column| dot(row, column)));
-        let [a, b, c] = own.map(|row| dot(row, translation));
-        self.with_pose(turned, [a + x, b + y, c + z])
     }
 
     /// Pixels from edge to edge of a radian straight ahead, the mean of both axes.
@@ -100,7 +108,7 @@ impl Camera {
         self.with_pose(rotation, translation.map(|v| v * factor))
     }
 
-    /// The camera of the same image at another size, which is one of its [`Self::doubts`]: a part of the image of the same
+    /// The camera of the same image at another size, which is one of its [`Self::warnings`]: a part of the image of the same
     /// shape would have another camera.
     ///
     /// # Errors
@@ -179,7 +187,7 @@ impl Camera {
 
     /// What should be checked of the camera of an image, a sentence each: what its file does not say and was assumed, and
     /// numbers that are implausible.
-    pub fn doubts(&self) -> Vec<String> {
+    pub fn warnings(&self) -> Vec<String> {
         let outside = self.size.and_then(|size| {
             let (width, height) = self.turned.map_or(size, |turned| turned.stored());
             let [cx, cy] = self.optics.center();
@@ -209,9 +217,12 @@ impl Camera {
     /// the lens bends.
     pub fn intrinsics(&self) -> [f64; 4] {
         let ([fx, fy], [cx, cy]) = (self.optics.focal(), self.optics.center());
-        let shown = |place| self.turned.map_or(place, |turned| turned.turned(place));
-        let center = shown([cx, cy]);
-        let (across, down) = (shown([cx + fx, cy]), shown([cx, cy + fy]));
+        let upright = |position| {
+            self.turned
+                .map_or(position, |turned| turned.turned(position))
+        };
+        let center = upright([cx, cy]);
+        let (across, down) = (upright([cx + fx, cy]), upright([cx, cy + fy]));
         // One of the two lies along each axis of the image.
         let along =
             |axis: usize| (across[axis] - center[axis]).abs() + (down[axis] - center[axis]).abs();
@@ -234,15 +245,6 @@ impl Camera {
     }
 }
 
-/// A rotation, row by row, and a translation.
-type Pose = ([[f64; 3]; 3], [f64; 3]);
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-
 fn other_shape(own: (usize, usize), image: (usize, usize)) -> Error {
     Error::shape(format!(
         "the camera is of images of {}x{}, which is another shape than {}x{}",
@@ -262,7 +264,7 @@ impl Display for Camera {
             "fx {fx}, fy {fy}, cx {cx}, cy {cy}, {}",
             self.optics.lens().name()
         )?;
-        if self.optics.pose() == (IDENTITY, [0.0; 3]) {
+        if self.pose() == Pose::IDENTITY {
             Ok(())
         } else {
             write!(f, ", at its place in the world")

@@ -2,7 +2,7 @@
 //! `ros2 topic echo` print.
 
 use super::Camera;
-use super::stored::{Model, Stored, intrinsics};
+use super::stored::{CameraFile, LensModel, intrinsics};
 use std::collections::HashMap;
 
 /// What ROS says of a camera.
@@ -47,7 +47,7 @@ impl CameraInfo {
             .map(columns)
             .ok_or("has no P, which rectified images need")?;
         let numbers = intrinsics(rows).map_err(|what| format!("has a P {what}"))?;
-        let mut stored = self.of(Model::Pinhole, &[], numbers);
+        let mut stored = self.of(LensModel::Pinhole, &[], numbers);
         stored.assumed = self.unused("P", true);
         stored.try_into()
     }
@@ -62,7 +62,7 @@ impl CameraInfo {
         [part(tx, fx), part(ty, fy)]
     }
 
-    fn stored(&self) -> Result<Stored, String> {
+    fn stored(&self) -> Result<CameraFile, String> {
         self.check_whole()?;
         let [a, b, c, d, e, f, g, h, i] = self.matrix;
         let rows = [[a, b, c], [d, e, f], [g, h, i]];
@@ -70,25 +70,27 @@ impl CameraInfo {
         let straight = !self.is_bent();
         let mut assumed = self.unused("K and D", false);
         let (model, distortion) = match self.model.as_str() {
-            "equidistant" | "fisheye" => (Model::Fisheye, &self.distortion[..]),
+            "equidistant" | "fisheye" => (LensModel::Fisheye, &self.distortion[..]),
             "" | "plumb_bob" | "rational_polynomial" | "radtan" if straight => {
-                (Model::Pinhole, &[][..])
+                (LensModel::Pinhole, &[][..])
             }
-            "plumb_bob" | "rational_polynomial" | "radtan" => (Model::Radtan, &self.distortion[..]),
+            "plumb_bob" | "rational_polynomial" | "radtan" => {
+                (LensModel::Radtan, &self.distortion[..])
+            }
             "" => {
                 assumed.push(format!(
                     "the camera names no distortion model: its {} coefficients are taken for plumb_bob (k1, k2, p1, p2, ...), \
                      not for a fisheye lens; add `distortion_model`",
                     self.distortion.len()
                 ));
-                (Model::Radtan, &self.distortion[..])
+                (LensModel::Radtan, &self.distortion[..])
             }
             other if straight => {
                 assumed.push(format!(
                     "the distortion model `{other}` is not known; as all coefficients are 0, the lens is taken for one without \
                      distortion"
                 ));
-                (Model::Pinhole, &[][..])
+                (LensModel::Pinhole, &[][..])
             }
             other => {
                 return Err(format!(
@@ -97,7 +99,7 @@ impl CameraInfo {
             }
         };
         let stored = self.of(model, distortion, numbers);
-        Ok(Stored { assumed, ..stored })
+        Ok(CameraFile { assumed, ..stored })
     }
 
     fn is_bent(&self) -> bool {
@@ -152,17 +154,13 @@ impl CameraInfo {
         )]
     }
 
-    fn of(&self, model: Model, distortion: &[f64], [fx, fy, cx, cy]: [f64; 4]) -> Stored {
-        Stored {
+    fn of(&self, model: LensModel, distortion: &[f64], intrinsics: [f64; 4]) -> CameraFile {
+        CameraFile {
             width: self.size.map(|(width, _)| width),
             height: self.size.map(|(_, height)| height),
-            fx: Some(fx),
-            fy: Some(fy),
-            cx: Some(cx),
-            cy: Some(cy),
             distortion: distortion.to_vec(),
             model,
-            ..Stored::default()
+            ..CameraFile::pinhole(intrinsics)
         }
     }
 
@@ -209,7 +207,7 @@ fn angle(rotation: [f64; 9]) -> f64 {
 }
 
 /// Of the image before it was rectified: `K` and `D`, which are those of the whole sensor.
-pub(super) fn parse(text: &str) -> Result<Stored, String> {
+pub(super) fn parse(text: &str) -> Result<CameraFile, String> {
     let values = flatten(text);
     let find = |names: &[&str]| names.iter().find_map(|name| values.get(*name));
     let numbers = |names: &[&str]| -> Result<Option<Vec<f64>>, String> {
@@ -267,10 +265,10 @@ pub(super) fn parse(text: &str) -> Result<Stored, String> {
     };
     let mut stored = info.stored()?;
     if stored.assumed.is_empty() && info.is_bent() && info.projection.is_some() {
-        let said = "the image is taken for unrectified: K and D of the camera are used, R and P are not applied";
-        stored.assumed.push(said.to_owned());
+        let remark = "the image is taken for unrectified: K and D of the camera are used, R and P are not applied";
+        stored.assumed.push(remark.to_owned());
     }
-    Ok(Stored {
+    Ok(CameraFile {
         width: sides.0,
         height: sides.1,
         ..stored

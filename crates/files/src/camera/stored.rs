@@ -1,13 +1,14 @@
 //! Cameras as they are written in files, and what of these is sound.
 
-use super::{Camera, IDENTITY, Pose, dot};
+use super::Camera;
+use crate::pose::{Pose, dot};
 use lsdc_core::Lens;
 use serde::Deserialize;
 
 /// A camera as it is written in a file.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Stored {
+pub(super) struct CameraFile {
     pub(super) width: Option<usize>,
     pub(super) height: Option<usize>,
     pub(super) fx: Option<f64>,
@@ -16,7 +17,7 @@ pub(super) struct Stored {
     pub(super) cy: Option<f64>,
     pub(super) intrinsic_matrix: Option<[f64; 9]>,
     #[serde(default)]
-    pub(super) model: Model,
+    pub(super) model: LensModel,
     #[serde(default)]
     pub(super) distortion: Vec<f64>,
     pub(super) world_to_camera: Option<Vec<[f64; 4]>>,
@@ -27,17 +28,29 @@ pub(super) struct Stored {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Model {
+pub(super) enum LensModel {
     #[default]
     Pinhole,
     Radtan,
     Fisheye,
 }
 
-impl TryFrom<Stored> for Camera {
+impl CameraFile {
+    pub(super) fn pinhole([fx, fy, cx, cy]: [f64; 4]) -> Self {
+        Self {
+            fx: Some(fx),
+            fy: Some(fy),
+            cx: Some(cx),
+            cy: Some(cy),
+            ..Self::default()
+        }
+    }
+}
+
+impl TryFrom<CameraFile> for Camera {
     type Error = String;
 
-    fn try_from(stored: Stored) -> Result<Self, String> {
+    fn try_from(stored: CameraFile) -> Result<Self, String> {
         let numbers = [stored.fx, stored.fy, stored.cx, stored.cy];
         let [fx, fy, cx, cy] = match (numbers, stored.intrinsic_matrix) {
             ([Some(fx), Some(fy), Some(cx), Some(cy)], None) => [fx, fy, cx, cy],
@@ -47,26 +60,27 @@ impl TryFrom<Stored> for Camera {
             }
             _ => return Err("needs fx, fy, cx and cy, or an intrinsic_matrix".to_owned()),
         };
-        let sound = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite());
-        if !sound {
+        let is_valid = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite());
+        if !is_valid {
             return Err(format!("cannot have fx {fx}, fy {fy}, cx {cx}, cy {cy}"));
         }
-        let mut camera = Self::pinhole([fx, fy], [cx, cy]).assuming(stored.assumed);
+        let mut camera = Self::pinhole([fx, fy], [cx, cy]);
+        camera.assumed = stored.assumed;
         camera.size = match (stored.width, stored.height) {
             (Some(width), Some(height)) if width > 0 && height > 0 => Some((width, height)),
             (None, None) => None,
             _ => return Err("needs both width and height, or neither".to_owned()),
         };
         let camera = camera.with_lens(stored.model.lens(&stored.distortion)?);
-        let (rotation, translation) = match (stored.world_to_camera, stored.camera_to_world) {
+        let pose = match (stored.world_to_camera, stored.camera_to_world) {
             (None, None) => return Ok(camera),
             (Some(rows), None) => pose(&rows)?,
-            (None, Some(rows)) => inverse(pose(&rows)?),
+            (None, Some(rows)) => pose(&rows)?.inverse(),
             (Some(_), Some(_)) => {
                 return Err("has both world_to_camera and camera_to_world".to_owned());
             }
         };
-        Ok(camera.with_pose(rotation, translation))
+        Ok(camera.with_pose(pose.rotation, pose.translation))
     }
 }
 
@@ -88,7 +102,7 @@ pub(super) fn intrinsics(rows: [[f64; 3]; 3]) -> Result<[f64; 4], String> {
 /// A skew below this part of the focal length moves no pixel by a tenth.
 const SKEW: f64 = 1e-4;
 
-impl Model {
+impl LensModel {
     fn lens(self, distortion: &[f64]) -> Result<Lens, String> {
         let few = |counts: &str| {
             let found = distortion.len();
@@ -129,8 +143,8 @@ fn pose(rows: &[[f64; 4]]) -> Result<Pose, String> {
     let rotation = [a, b, c].map(|row| [row[0], row[1], row[2]]);
     for i in 0..3 {
         for j in 0..3 {
-            let off = (dot(rotation[i], rotation[j]) - IDENTITY[i][j]).abs();
-            if off.is_nan() || off > NEAR {
+            let deviation = (dot(rotation[i], rotation[j]) - Pose::IDENTITY.rotation[i][j]).abs();
+            if deviation.is_nan() || deviation > NEAR {
                 return Err("has a pose whose first three columns are no rotation".to_owned());
             }
         }
@@ -144,10 +158,8 @@ fn pose(rows: &[[f64; 4]]) -> Result<Pose, String> {
     if dot(cross, z) < 0.0 {
         return Err("has a pose that mirrors the world: its axes are left-handed".to_owned());
     }
-    Ok((rotation, [a[3], b[3], c[3]]))
-}
-
-fn inverse((rotation, translation): Pose) -> Pose {
-    let transposed = [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[j][i]));
-    (transposed, transposed.map(|row| -dot(row, translation)))
+    Ok(Pose {
+        rotation,
+        translation: [a[3], b[3], c[3]],
+    })
 }

@@ -1,8 +1,8 @@
-use super::stored::Stored;
+use super::stored::CameraFile;
 use super::*;
 
 fn stored(text: &str) -> std::result::Result<Camera, String> {
-    let stored: Stored = toml::from_str(text).map_err(|e| e.to_string())?;
+    let stored: CameraFile = toml::from_str(text).map_err(|e| e.to_string())?;
     Camera::try_from(stored)
 }
 
@@ -136,11 +136,11 @@ fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
         let stored_place = camera.project(point).unwrap().0;
         for exif in 1..=8 {
             let image = Orientation::new((640, 480), exif);
-            let (turned, said) = camera.for_image(&image).unwrap();
-            assert_eq!(said.is_some(), exif > 1);
-            let (place, depth) = turned.project(point).unwrap();
-            assert_eq!(place, image.turned(stored_place), "{exif}");
-            let found = turned.unproject(place, depth).unwrap();
+            let (turned, text) = camera.for_image(&image).unwrap();
+            assert_eq!(text.is_some(), exif > 1);
+            let (position, depth) = turned.project(point).unwrap();
+            assert_eq!(position, image.turned(stored_place), "{exif}");
+            let found = turned.unproject(position, depth).unwrap();
             for axis in 0..3 {
                 assert!((found[axis] - point[axis]).abs() < 1e-8, "{exif}");
             }
@@ -149,7 +149,7 @@ fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
             let half = turned.resized((width / 2, height / 2)).unwrap();
             let small = half.project(point).unwrap().0;
             for axis in 0..2 {
-                assert!((0.5 * (place[axis] + 0.5) - 0.5 - small[axis]).abs() < 1e-9);
+                assert!((0.5 * (position[axis] + 0.5) - 0.5 - small[axis]).abs() < 1e-9);
             }
         }
     }
@@ -157,28 +157,31 @@ fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
 
 #[test]
 fn a_principal_point_outside_the_image_is_doubted() {
-    let doubt = |center, image: Orientation| {
+    let warning = |center, image: Orientation| {
         let camera = Camera::pinhole([500.0; 2], center);
-        camera.for_image(&image).unwrap().0.doubts().pop()
+        camera.for_image(&image).unwrap().0.warnings().pop()
     };
     let image = || Orientation::from((640, 480));
-    assert_eq!(doubt([319.5, 239.5], image()), None);
-    let said = doubt([239.5, 500.0], image()).unwrap();
+    assert_eq!(warning([319.5, 239.5], image()), None);
+    let text = warning([239.5, 500.0], image()).unwrap();
     assert!(
-        said.contains("239.5, 500") && said.contains("640x480"),
-        "{said}"
+        text.contains("239.5, 500") && text.contains("640x480"),
+        "{text}"
     );
     // Of an image that is stored turned, the camera is that of the stored pixels.
-    assert_eq!(doubt([500.0, 239.5], Orientation::new((640, 480), 6)), None);
+    assert_eq!(
+        warning([500.0, 239.5], Orientation::new((640, 480), 6)),
+        None
+    );
 }
 
 #[test]
 fn a_camera_of_the_upright_image_stays() {
     let camera = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
     let image = Orientation::new((480, 640), 6);
-    let (same, said) = camera.for_image(&image).unwrap();
+    let (same, text) = camera.for_image(&image).unwrap();
     assert_eq!(same, camera);
-    assert!(said.is_some_and(|said| said.contains("upright image")));
+    assert!(text.is_some_and(|text| text.contains("upright image")));
 }
 
 /// theta + k theta^3 rises up to theta = 1 / sqrt(-3 k), here 0.9129.
@@ -280,21 +283,21 @@ fn the_lens_of_a_calibration_by_opencv_is_what_its_flag_says() {
     let fisheye = yaml(STORAGE).unwrap();
     for (point, pixel) in POINTS.into_iter().zip(OPENCV_FISHEYE) {
         let (found, _) = fisheye.project(point).unwrap();
-        let off = (found[0] - pixel[0]).hypot(found[1] - pixel[1]);
-        assert!(off < 1e-6, "{found:?} {pixel:?}");
+        let deviation = (found[0] - pixel[0]).hypot(found[1] - pixel[1]);
+        assert!(deviation < 1e-6, "{found:?} {pixel:?}");
     }
-    assert_eq!(fisheye.doubts(), Vec::<String>::new());
+    assert_eq!(fisheye.warnings(), Vec::<String>::new());
     let flagged = yaml(&STORAGE.replace("fisheye_model: 1", "fisheye_model: 0")).unwrap();
     assert!(flagged.to_string().contains("radtan"), "{flagged}");
-    assert_eq!(flagged.doubts(), Vec::<String>::new());
+    assert_eq!(flagged.warnings(), Vec::<String>::new());
     // Neither a flag nor a name.
     let unnamed = yaml(&STORAGE.replace("fisheye_model: 1\n", "")).unwrap();
-    let doubts = unnamed.doubts();
+    let warnings = unnamed.warnings();
     assert!(
-        doubts.len() == 1 && doubts[0].contains("names no distortion model"),
-        "{doubts:?}"
+        warnings.len() == 1 && warnings[0].contains("names no distortion model"),
+        "{warnings:?}"
     );
-    assert!(doubts[0].contains("fisheye"), "{doubts:?}");
+    assert!(warnings[0].contains("fisheye"), "{warnings:?}");
     assert!(yaml(&STORAGE.replace("fisheye_model: 1", "fisheye_model: 2")).is_err());
 }
 
@@ -314,35 +317,35 @@ fn what_a_camera_info_assumes_of_rectification_is_said() {
             "{r}projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{p}]\n"
         ))
     };
-    let doubts = |p: &str| with(p, "").unwrap().doubts();
-    let said = doubts("400., 0., 310., 0., 0., 400., 240., 0., 0., 0., 1., 0.");
+    let warnings = |p: &str| with(p, "").unwrap().warnings();
+    let text = warnings("400., 0., 310., 0., 0., 400., 240., 0., 0., 0., 1., 0.");
     assert!(
-        said.len() == 1 && said[0].contains("taken for unrectified"),
-        "{said:?}"
+        text.len() == 1 && text[0].contains("taken for unrectified"),
+        "{text:?}"
     );
     assert!(
-        said[0].contains("P (fx 400, cx 310) differs from K (fx 500, cx 320)"),
-        "{said:?}"
+        text[0].contains("P (fx 400, cx 310) differs from K (fx 500, cx 320)"),
+        "{text:?}"
     );
-    let said = doubts("500., 0., 320., -60., 0., 510., 240., 0., 0., 0., 1., 0.");
+    let text = warnings("500., 0., 320., -60., 0., 510., 240., 0., 0., 0., 1., 0.");
     assert!(
-        said.len() == 1 && said[0].contains("stereo baseline of 0.1200 m"),
-        "{said:?}"
+        text.len() == 1 && text[0].contains("stereo baseline of 0.1200 m"),
+        "{text:?}"
     );
-    let said = doubts("500., 0., 320., 0., 0., 510., 240., 0., 0., 0., 1., 0.");
+    let text = warnings("500., 0., 320., 0., 0., 510., 240., 0., 0., 0., 1., 0.");
     assert!(
-        said.len() == 1 && said[0].contains("taken for unrectified"),
-        "{said:?}"
+        text.len() == 1 && text[0].contains("taken for unrectified"),
+        "{text:?}"
     );
     let turned = "rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1., 0., 0., 0., 0., -1., 0., 1., 0.]";
-    let said = with(
+    let text = with(
         "500., 0., 320., 0., 0., 510., 240., 0., 0., 0., 1., 0.",
         turned,
     );
-    let said = said.unwrap().doubts();
+    let text = text.unwrap().warnings();
     assert!(
-        said[0].contains("R is a rotation of 90.00 degrees"),
-        "{said:?}"
+        text[0].contains("R is a rotation of 90.00 degrees"),
+        "{text:?}"
     );
 }
 
@@ -406,10 +409,10 @@ fn a_camera_that_is_scaled_to_the_image_says_so() {
     let camera = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
     let (half, _) = camera.for_image(&(320, 240).into()).unwrap();
     assert!(
-        half.doubts()[0].contains("640x480 is scaled to 320x240"),
+        half.warnings()[0].contains("640x480 is scaled to 320x240"),
         "{:?}",
-        half.doubts()
+        half.warnings()
     );
     let (same, _) = camera.for_image(&(640, 480).into()).unwrap();
-    assert_eq!(same.doubts(), Vec::<String>::new());
+    assert_eq!(same.warnings(), Vec::<String>::new());
 }

@@ -2,7 +2,7 @@
 
 mod voxels;
 
-use crate::{Camera, Colored, DepthMap};
+use crate::{Camera, ColoredPoint, DepthMap};
 use image::RgbImage;
 use lsdc_core::cloud::flying_pixels;
 use voxels::thinned;
@@ -20,10 +20,10 @@ pub struct CloudOptions {
 }
 
 /// The pixels of a depth map in space, with the colours of the image.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Cloud {
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ColoredCloud {
     /// One for each pixel with a depth that is not left out, row by row, or one for each voxel.
-    pub points: Vec<Colored>,
+    pub points: Vec<ColoredPoint>,
     /// Pixels that are left out because their standard deviation is too large.
     pub uncertain: usize,
     /// Pixels that are left out because the lens does not look there.
@@ -34,7 +34,7 @@ pub struct Cloud {
     pub merged: usize,
 }
 
-impl Cloud {
+impl ColoredCloud {
     /// Back-projects a depth map of any size, seen by the camera of the upright image `rgb`. `deviations` are the standard
     /// deviations of the depths in metres, in a map of the same size. A pixel that is left out for several reasons is
     /// counted as uncertain, else as flying.
@@ -47,14 +47,8 @@ impl Cloud {
     ) -> Self {
         let (width, height) = (depth.width(), depth.height());
         let camera = camera.stretched((width, height));
-        let shown = (rgb.width() as usize, rgb.height() as usize);
-        let mut cloud = Self {
-            points: Vec::new(),
-            uncertain: 0,
-            unseen: 0,
-            flying: 0,
-            merged: 0,
-        };
+        let image_size = (rgb.width() as usize, rgb.height() as usize);
+        let mut cloud = Self::default();
         let flying = (!options.keep_flying).then(|| {
             let [fx, fy, ..] = camera.intrinsics();
             flying_pixels(depth, [fx, fy])
@@ -72,24 +66,24 @@ impl Cloud {
                 continue;
             }
             let pixel = [point.x as f64, point.y as f64];
-            let Some(place) = camera.unproject(pixel, f64::from(point.depth)) else {
+            let Some(position) = camera.unproject(pixel, f64::from(point.depth)) else {
                 cloud.unseen += 1;
                 continue;
             };
             let color = rgb.get_pixel(
-                (point.x * shown.0 / width) as u32,
-                (point.y * shown.1 / height) as u32,
+                (point.x * image_size.0 / width) as u32,
+                (point.y * image_size.1 / height) as u32,
             );
-            cloud.points.push(Colored {
-                place,
+            cloud.points.push(ColoredPoint {
+                position,
                 color: color.0,
                 sigma,
             });
         }
         if let Some(size) = options.voxel {
-            let kept = cloud.points.len();
+            let before = cloud.points.len();
             cloud.points = thinned(&cloud.points, size);
-            cloud.merged = kept - cloud.points.len();
+            cloud.merged = before - cloud.points.len();
         }
         cloud
     }
@@ -100,14 +94,14 @@ mod tests {
     use super::*;
 
     /// A wall at 1 m beside one at 2 m, with a ramp of two pixels between them.
-    fn cloud(options: CloudOptions) -> Cloud {
+    fn cloud(options: CloudOptions) -> ColoredCloud {
         let row = [1.0, 1.0, 1.0, 1.0, 1.25, 1.6, 2.0, 2.0, 2.0, 2.0];
         let values: Vec<f32> = (0..60).map(|i| row[i % 10]).collect();
         let depth = DepthMap::new(10, 6, values).unwrap();
         let sigma = DepthMap::new(10, 6, vec![0.1; 60]).unwrap();
         let rgb = RgbImage::from_pixel(10, 6, image::Rgb([9, 8, 7]));
         let camera = Camera::pinhole([100.0, 100.0], [0.0, 0.0]);
-        Cloud::new(&depth, Some(&sigma), &rgb, &camera, &options)
+        ColoredCloud::new(&depth, Some(&sigma), &rgb, &camera, &options)
     }
 
     #[test]
@@ -117,13 +111,13 @@ mod tests {
             ..CloudOptions::default()
         };
         assert_eq!(cloud(all).points.len(), 60);
-        let usual = cloud(CloudOptions::default());
-        assert_eq!((usual.points.len(), usual.flying), (48, 12));
+        let default_cloud = cloud(CloudOptions::default());
+        assert_eq!((default_cloud.points.len(), default_cloud.flying), (48, 12));
         assert!(
-            usual
+            default_cloud
                 .points
                 .iter()
-                .all(|point| [1.0, 2.0].contains(&point.place[2]))
+                .all(|point| [1.0, 2.0].contains(&point.position[2]))
         );
         let sure = cloud(CloudOptions {
             max_sigma: Some(0.05),

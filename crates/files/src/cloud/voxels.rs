@@ -1,17 +1,17 @@
 //! Thinning of clouds: one point in each cube of a grid.
 
-use crate::Colored;
+use crate::ColoredPoint;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
 /// Returns one point for each cube of a grid of edge length `size` that has any: the mean of their places and colours, and of
 /// their standard deviations (errors of neighbours are alike, so that a mean is not more certain than they are). The cubes
 /// come in the order of their first points. The grid has a corner at the origin.
-pub(super) fn thinned(points: &[Colored], size: f64) -> Vec<Colored> {
+pub(super) fn thinned(points: &[ColoredPoint], size: f64) -> Vec<ColoredPoint> {
     let mut cubes: Vec<Sum> = Vec::new();
     let mut known: HashMap<[i64; 3], usize> = HashMap::new();
     for point in points {
-        let cube = point.place.map(|v| (v / size).floor() as i64);
+        let cube = point.position.map(|v| (v / size).floor() as i64);
         match known.entry(cube) {
             Entry::Occupied(number) => cubes[*number.get()].add(point),
             Entry::Vacant(number) => {
@@ -29,17 +29,17 @@ pub(super) fn thinned(points: &[Colored], size: f64) -> Vec<Colored> {
 #[derive(Default)]
 struct Sum {
     count: u32,
-    place: [f64; 3],
+    position: [f64; 3],
     color: [u64; 3],
     /// How many have a standard deviation, and their sum.
     sigma: (u32, f64),
 }
 
 impl Sum {
-    fn add(&mut self, point: &Colored) {
+    fn add(&mut self, point: &ColoredPoint) {
         self.count += 1;
         for axis in 0..3 {
-            self.place[axis] += point.place[axis];
+            self.position[axis] += point.position[axis];
             self.color[axis] += u64::from(point.color[axis]);
         }
         if let Some(sigma) = point.sigma {
@@ -48,11 +48,11 @@ impl Sum {
         }
     }
 
-    fn mean(&self) -> Colored {
+    fn mean(&self) -> ColoredPoint {
         let count = u64::from(self.count);
         let (known, sigma) = self.sigma;
-        Colored {
-            place: self.place.map(|sum| sum / f64::from(self.count)),
+        ColoredPoint {
+            position: self.position.map(|sum| sum / f64::from(self.count)),
             color: self.color.map(|sum| ((sum + count / 2) / count) as u8),
             sigma: (known > 0).then(|| (sigma / f64::from(known)) as f32),
         }
@@ -65,8 +65,8 @@ mod tests {
 
     #[test]
     fn one_point_in_each_cube() {
-        let point = |x: f64, red: u8, sigma: f32| Colored {
-            place: [x, 0.25, 2.0],
+        let point = |x: f64, red: u8, sigma: f32| ColoredPoint {
+            position: [x, 0.25, 2.0],
             color: [red, 7, 0],
             sigma: Some(sigma),
         };

@@ -1,8 +1,8 @@
 //! Models in binary form: little-endian, as COLMAP's `reconstruction_io` writes them.
 
-use super::calibration::{Calibration, model};
-use super::records::{Image, Landmark, Parsed, Placed};
-use super::rigs::{Frame, Frames, Rigs};
+use super::calibration::{CameraRecord, model};
+use super::records::{ImageRecord, Landmark, Parsed, RigFrames, Rigs, pose};
+use crate::pose::Pose;
 use std::collections::HashMap;
 
 /// The number of a point that is none.
@@ -10,7 +10,7 @@ const NONE: u64 = u64::MAX;
 /// The type of sensors that are cameras.
 const CAMERA: u32 = 0;
 
-pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, Calibration>> {
+pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, CameraRecord>> {
     let mut bytes = Bytes(bytes);
     // An identity, a model and a size at least.
     let count = bytes.count(24)?;
@@ -24,34 +24,33 @@ pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, Calibration>> {
         for value in &mut parameters {
             *value = bytes.f64()?;
         }
-        cameras.insert(id, Calibration::new(name, size, &parameters)?);
+        cameras.insert(id, CameraRecord::new(name, size, &parameters)?);
     }
     Ok(cameras)
 }
 
-pub(super) fn images(bytes: &[u8]) -> Parsed<Vec<Image>> {
+pub(super) fn images(bytes: &[u8]) -> Parsed<Vec<ImageRecord>> {
     let mut bytes = Bytes(bytes);
     let count = bytes.count(73)?;
     let mut images = Vec::with_capacity(count);
     for _ in 0..count {
         let id = bytes.u32()?.into();
-        let placed = bytes.placed()?;
+        let pose = bytes.pose()?;
         let camera = bytes.u32()?;
         let name = bytes.name()?;
-        let keypoints = bytes.count(24)?;
-        let mut seen = Vec::new();
-        for _ in 0..keypoints {
-            let (place, point) = ([bytes.f64()?, bytes.f64()?], bytes.u64()?);
+        let mut keypoints = Vec::new();
+        for _ in 0..bytes.count(24)? {
+            let (position, point) = ([bytes.f64()?, bytes.f64()?], bytes.u64()?);
             if point != NONE {
-                seen.push((place, point));
+                keypoints.push((position, point));
             }
         }
-        images.push(Image {
+        images.push(ImageRecord {
             id,
-            placed,
+            pose,
             camera,
             name,
-            seen,
+            keypoints,
         });
     }
     Ok(images)
@@ -66,14 +65,14 @@ pub(super) fn rigs(bytes: &[u8]) -> Parsed<Rigs> {
         let (rig, sensors) = (bytes.u32()?, bytes.u32()?);
         for number in 0..sensors {
             let (kind, sensor) = (bytes.u32()?, bytes.u32()?);
-            // The first is the rig's own place.
-            let placed = match number {
-                0 => Some(Placed::ORIGIN),
+            // The first sensor is the origin of the rig.
+            let pose = match number {
+                0 => Some(Pose::IDENTITY),
                 _ if bytes.take::<1>()? == [0] => None,
-                _ => Some(bytes.placed()?),
+                _ => Some(bytes.pose()?),
             };
             if kind == CAMERA {
-                rigs.add(rig, sensor, placed);
+                rigs.insert((rig, sensor), pose);
             }
         }
     }
@@ -81,24 +80,17 @@ pub(super) fn rigs(bytes: &[u8]) -> Parsed<Rigs> {
 }
 
 /// As `ReadFramesBinary` of COLMAP 3.12 and later.
-pub(super) fn frames(bytes: &[u8]) -> Parsed<Frames> {
+pub(super) fn frames(bytes: &[u8]) -> Parsed<RigFrames> {
     let mut bytes = Bytes(bytes);
     let count = bytes.count(68)?;
-    let mut frames = Frames::default();
+    let mut frames = RigFrames::default();
     for _ in 0..count {
         bytes.skip(4)?;
-        let (rig, placed, data) = (bytes.u32()?, bytes.placed()?, bytes.u32()?);
+        let (rig, pose, data) = (bytes.u32()?, bytes.pose()?, bytes.u32()?);
         for _ in 0..data {
             let (kind, sensor, image) = (bytes.u32()?, bytes.u32()?, bytes.u64()?);
             if kind == CAMERA {
-                frames.add(
-                    image,
-                    Frame {
-                        rig,
-                        sensor,
-                        placed,
-                    },
-                );
+                frames.insert(image, ((rig, sensor), pose));
             }
         }
     }
@@ -111,7 +103,7 @@ pub(super) fn landmarks(bytes: &[u8]) -> Parsed<HashMap<u64, Landmark>> {
     let mut landmarks = HashMap::with_capacity(count);
     for _ in 0..count {
         let id = bytes.u64()?;
-        let place = [bytes.f64()?, bytes.f64()?, bytes.f64()?];
+        let position = [bytes.f64()?, bytes.f64()?, bytes.f64()?];
         // Its colour.
         bytes.skip(3)?;
         let error = bytes.f64()?;
@@ -120,7 +112,7 @@ pub(super) fn landmarks(bytes: &[u8]) -> Parsed<HashMap<u64, Landmark>> {
         landmarks.insert(
             id,
             Landmark {
-                place,
+                position,
                 error,
                 track,
             },
@@ -152,12 +144,12 @@ impl Bytes<'_> {
     }
 
     /// A quaternion w, x, y, z and a translation.
-    fn placed(&mut self) -> Parsed<Placed> {
+    fn pose(&mut self) -> Parsed<Pose> {
         let mut numbers = [0.0; 7];
         for value in &mut numbers {
             *value = self.f64()?;
         }
-        Placed::new(numbers)
+        pose(numbers)
     }
 
     /// A number of things of so many bytes at least, which must be there.

@@ -4,8 +4,8 @@ use super::records::Parsed;
 use crate::Camera;
 use lsdc_core::Lens;
 
-/// What a file says of a camera.
-pub(super) struct Calibration {
+/// A record of `cameras`.
+pub(super) struct CameraRecord {
     pub(super) size: (u64, u64),
     /// In pixels.
     pub(super) focal: f64,
@@ -13,93 +13,92 @@ pub(super) struct Calibration {
     pub(super) camera: Option<Camera>,
 }
 
-/// Names and numbers of parameters, in the order of the models' numbers.
-const MODELS: [(&str, usize); 18] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+/// A camera model: its name and the number of its parameters; and if it can be used, the number of its focal lengths, and
+/// its lens. Parameters are the focal lengths, the principal point, and the distortion.
+type CameraModel = (&'static str, usize, Option<(usize, fn(&[f64]) -> Lens)>);
+
+/// The models in the order of their numbers.
+const MODELS: [CameraModel; 18] = [
+    ("SIMPLE_PINHOLE", 3, Some((1, pinhole))),
+    ("PINHOLE", 4, Some((2, pinhole))),
+    ("SIMPLE_RADIAL", 4, Some((1, radial_tangential))),
+    ("RADIAL", 5, Some((1, radial_tangential))),
+    ("OPENCV", 8, Some((2, radial_tangential))),
+    ("OPENCV_FISHEYE", 8, Some((2, fisheye))),
+    ("FULL_OPENCV", 12, Some((2, radial_tangential))),
+    ("FOV", 5, None),
+    ("SIMPLE_RADIAL_FISHEYE", 4, Some((1, fisheye))),
+    ("RADIAL_FISHEYE", 5, Some((1, fisheye))),
+    ("THIN_PRISM_FISHEYE", 12, None),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16, None),
     // From COLMAP 4 on.
-    ("SIMPLE_DIVISION", 4),
-    ("DIVISION", 5),
-    ("SIMPLE_FISHEYE", 3),
-    ("FISHEYE", 4),
-    ("EUCM", 6),
-    (EVERYWHERE, 2),
+    ("SIMPLE_DIVISION", 4, None),
+    ("DIVISION", 5, None),
+    ("SIMPLE_FISHEYE", 3, Some((1, fisheye))),
+    ("FISHEYE", 4, Some((2, fisheye))),
+    ("EUCM", 6, None),
+    (EQUIRECTANGULAR, 2, None),
 ];
 
-/// What looks all around has no axis that depths could be measured along.
-const EVERYWHERE: &str = "EQUIRECTANGULAR";
+/// Such a camera has no axis that depths could be measured along.
+const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
 
-/// Name and number of parameters of the model of that number.
-pub(super) fn model(number: u32) -> Option<(&'static str, usize)> {
-    MODELS.get(number as usize).copied()
+fn pinhole(_: &[f64]) -> Lens {
+    Lens::Pinhole
 }
 
-impl Calibration {
+/// k1, k2, p1, p2, k3, k4, k5, k6.
+fn radial_tangential(distortion: &[f64]) -> Lens {
+    Lens::radial_tangential(padded(distortion))
+}
+
+/// k1, k2, k3, k4.
+fn fisheye(distortion: &[f64]) -> Lens {
+    Lens::fisheye(padded(distortion))
+}
+
+/// The first coefficients, and 0 for the others.
+fn padded<const N: usize>(coefficients: &[f64]) -> [f64; N] {
+    let mut all = [0.0; N];
+    all[..coefficients.len()].copy_from_slice(coefficients);
+    all
+}
+
+/// The name and the number of parameters of the model of that number.
+pub(super) fn model(number: u32) -> Option<(&'static str, usize)> {
+    let (name, count, _) = MODELS.get(number as usize)?;
+    Some((*name, *count))
+}
+
+impl CameraRecord {
     pub(super) fn new(model: &str, size: (u64, u64), parameters: &[f64]) -> Parsed<Self> {
-        let pinhole = |fx: f64, fy: f64, cx: f64, cy: f64| {
+        let known = MODELS.iter().find(|(name, ..)| *name == model);
+        let camera = || {
+            let (_, count, optics) = known?;
+            let (focal_lengths, lens) = optics.filter(|_| *count == parameters.len())?;
+            let (focal, others) = parameters.split_at(focal_lengths);
+            let ([cx, cy], distortion) = others.split_first_chunk::<2>()?;
             // COLMAP has the centre of the first pixel at 0.5.
-            Camera::pinhole([fx, fy], [cx - 0.5, cy - 0.5])
+            let center = [cx - 0.5, cy - 0.5];
+            let camera = Camera::pinhole([focal[0], focal[focal_lengths - 1]], center);
+            Some(camera.with_lens(lens(distortion)))
         };
-        let radtan =
-            |k1: f64, k2: f64| Lens::radial_tangential([k1, k2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let camera = match (model, parameters) {
-            ("SIMPLE_PINHOLE", &[f, cx, cy]) => Some(pinhole(f, f, cx, cy)),
-            ("PINHOLE", &[fx, fy, cx, cy]) => Some(pinhole(fx, fy, cx, cy)),
-            ("SIMPLE_RADIAL", &[f, cx, cy, k]) => {
-                Some(pinhole(f, f, cx, cy).with_lens(radtan(k, 0.0)))
-            }
-            ("RADIAL", &[f, cx, cy, k1, k2]) => {
-                Some(pinhole(f, f, cx, cy).with_lens(radtan(k1, k2)))
-            }
-            ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-                let lens = Lens::radial_tangential([k1, k2, p1, p2, 0.0, 0.0, 0.0, 0.0]);
-                Some(pinhole(fx, fy, cx, cy).with_lens(lens))
-            }
-            ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
-                let lens = Lens::radial_tangential([k1, k2, p1, p2, k3, k4, k5, k6]);
-                Some(pinhole(fx, fy, cx, cy).with_lens(lens))
-            }
-            ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => {
-                Some(pinhole(fx, fy, cx, cy).with_lens(Lens::fisheye([k1, k2, k3, k4])))
-            }
-            ("SIMPLE_FISHEYE", &[f, cx, cy]) => {
-                Some(pinhole(f, f, cx, cy).with_lens(Lens::fisheye([0.0; 4])))
-            }
-            ("FISHEYE", &[fx, fy, cx, cy]) => {
-                Some(pinhole(fx, fy, cx, cy).with_lens(Lens::fisheye([0.0; 4])))
-            }
-            ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => {
-                Some(pinhole(f, f, cx, cy).with_lens(Lens::fisheye([k, 0.0, 0.0, 0.0])))
-            }
-            ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => {
-                Some(pinhole(f, f, cx, cy).with_lens(Lens::fisheye([k1, k2, 0.0, 0.0])))
-            }
-            _ => None,
-        };
-        let expected = MODELS.iter().find(|(name, _)| *name == model);
-        match (expected, parameters) {
-            _ if model == EVERYWHERE => Err(format!(
+        match (known, parameters) {
+            _ if model == EQUIRECTANGULAR => Err(format!(
                 "a camera {model} looks all around, so that there are no depths along its axis"
             )),
-            (Some((_, count)), _) if *count != parameters.len() => Err(format!(
+            (Some((_, count, _)), _) if *count != parameters.len() => Err(format!(
                 "a camera {model} has {} parameters, expected {count}",
                 parameters.len()
             )),
-            (_, [focal, ..]) if *focal > 0.0 && focal.is_finite() => Ok(Self {
-                size,
-                focal: camera.as_ref().map_or(*focal, Camera::focal),
-                camera,
-            }),
+            (_, [focal, ..]) if *focal > 0.0 && focal.is_finite() => {
+                let camera = camera();
+                Ok(Self {
+                    size,
+                    focal: camera.as_ref().map_or(*focal, Camera::focal),
+                    camera,
+                })
+            }
             _ => Err(format!("a camera {model} has no focal length")),
         }
     }

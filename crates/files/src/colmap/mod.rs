@@ -4,14 +4,13 @@
 mod binary;
 mod calibration;
 mod records;
-mod rigs;
 mod text;
 
 use super::{Camera, Orientation, Unit};
 use crate::error::{Error, Result};
-use calibration::Calibration;
-use records::{Image, Landmark, Parsed, Placed};
-use rigs::{Frames, Rigs};
+use crate::pose::Pose;
+use calibration::CameraRecord;
+use records::{ImageRecord, Landmark, Parsed, RigFrames, Rigs};
 use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -51,13 +50,13 @@ pub(super) struct Keypoint {
     pub(super) sigma: f64,
 }
 
-/// The files of a model but for that of its images.
-struct Parts {
-    cameras: HashMap<u32, Calibration>,
+/// The files of a model except `images`.
+struct ModelFiles {
+    cameras: HashMap<u32, CameraRecord>,
     landmarks: HashMap<u64, Landmark>,
     /// From COLMAP 3.12 on.
     rigs: Option<Rigs>,
-    frames: Option<Frames>,
+    frames: Option<RigFrames>,
 }
 
 impl Colmap {
@@ -93,27 +92,27 @@ impl Colmap {
         file: impl Fn(&str) -> Result<Option<Bytes>>,
     ) -> Result<Self> {
         let [cameras, images, landmarks] = whole(folder, &file)?;
-        let form = images.form();
-        let optional = |name: &'static str| Stored::read(folder, name, form, &file);
-        let parts = Parts {
-            cameras: cameras.parsed(binary::cameras, text::cameras)?,
-            landmarks: landmarks.parsed(binary::landmarks, text::landmarks)?,
+        let form = images.form;
+        let optional = |name: &'static str| ModelFile::read(folder, name, form, &file);
+        let files = ModelFiles {
+            cameras: cameras.parse(binary::cameras, text::cameras)?,
+            landmarks: landmarks.parse(binary::landmarks, text::landmarks)?,
             rigs: optional("rigs")?
-                .map(|rigs| rigs.parsed(binary::rigs, text::rigs))
+                .map(|rigs| rigs.parse(binary::rigs, text::rigs))
                 .transpose()?,
             frames: optional("frames")?
-                .map(|frames| frames.parsed(binary::frames, text::frames))
+                .map(|frames| frames.parse(binary::frames, text::frames))
                 .transpose()?,
         };
-        let images = images.parsed(binary::images, text::images)?;
-        let others = match form {
-            BINARY => placed_in_text(Stored::read(folder, "images", TEXT, &file)?),
+        let images = images.parse(binary::images, text::images)?;
+        let text_poses = match form {
+            BINARY => poses_in_text(ModelFile::read(folder, "images", TEXT, &file)?),
             _ => HashMap::new(),
         };
         let mut views = Vec::with_capacity(images.len());
         for image in images {
-            let other = others.get(&image.name);
-            views.push(parts.view(folder, image, other)?);
+            let text_pose = text_poses.get(&image.name);
+            views.push(files.view(folder, image, text_pose)?);
         }
         views.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(Self { views })
@@ -143,62 +142,59 @@ impl View {
     }
 }
 
-/// Poses that differ by more are said: radians, and parts of their largest coordinate. Files round.
-const NEAR: f64 = 1e-5;
+/// Poses that differ by more are reported: radians, and parts of their largest coordinate. Files round.
+const POSE_TOLERANCE: f64 = 1e-5;
 
-impl Parts {
-    /// Where an image is, and what is said of that. Frames and rigs override the file of images; `other` is the place in
-    /// the same model as text, where both forms are there.
-    fn placed(&self, image: &Image, other: Option<&Placed>) -> (Placed, Vec<String>) {
+impl ModelFiles {
+    /// The pose of an image, and remarks about poses that contradict it. Frames and rigs override the file of images;
+    /// `text_pose` is the pose in the same model as text, where the model has both forms.
+    fn pose(&self, image: &ImageRecord, text_pose: Option<&Pose>) -> (Pose, Vec<String>) {
         let mut remarks = Vec::new();
-        let mut differ = |one: &Placed, used: &str, place: &Placed, unused: &str| {
-            let (angle, distance) = one.apart(place);
-            let scale = one.translation.iter().fold(1.0_f64, |a, v| a.max(v.abs()));
-            if angle > NEAR.to_degrees() || distance > NEAR * scale {
+        let mut compare = |pose: Pose, used: &str, other: Pose, unused: &str| {
+            let (angle, distance) = pose.difference(other);
+            let scale = pose.translation.iter().fold(1.0_f64, |a, v| a.max(v.abs()));
+            if angle > POSE_TOLERANCE.to_degrees() || distance > POSE_TOLERANCE * scale {
                 remarks.push(format!(
                     "the model holds two poses of this image that differ by {angle:.3} degrees and {distance:.4} units: that of \
                      {used} is used, not that of {unused}"
                 ));
             }
         };
-        let placed = match (&self.rigs, &self.frames) {
-            (Some(rigs), Some(frames)) => frames.placed(image.id, rigs),
-            _ => None,
+        let rig_pose = || {
+            let (camera, rig_pose) = self.frames.as_ref()?.get(&image.id)?;
+            let camera_pose = self.rigs.as_ref()?.get(camera).copied()??;
+            Some(camera_pose.after(*rig_pose))
         };
-        if let Some(placed) = &placed {
-            differ(
-                placed,
-                "its frame and rig",
-                &image.placed,
-                "the file of images",
-            );
+        let rig_pose = rig_pose();
+        if let Some(pose) = rig_pose {
+            compare(pose, "its frame and rig", image.pose, "the file of images");
         }
-        if let Some(other) = other {
-            differ(&image.placed, "images.bin", other, "images.txt");
+        if let Some(pose) = text_pose {
+            compare(image.pose, "images.bin", *pose, "images.txt");
         }
-        if placed.is_none() && (self.rigs.is_some() || self.frames.is_some()) {
+        if rig_pose.is_none() && (self.rigs.is_some() || self.frames.is_some()) {
             remarks.push(
                 "the rigs and frames of the model give no pose of this image: that of the file of images is used".to_owned(),
             );
         }
-        (placed.unwrap_or(image.placed), remarks)
+        (rig_pose.unwrap_or(image.pose), remarks)
     }
 
-    /// What is said if keypoints lie far from where the camera sees their points: cameras, poses and keypoints that
-    /// do not belong together. COLMAP itself leaves points out from 4 pixels on.
-    fn astray(&self, camera: &Camera, image: &Image) -> Option<String> {
+    /// A remark if the median reprojection error is large: cameras, poses and keypoints that do not belong together.
+    /// COLMAP itself leaves points out from 4 pixels on.
+    fn check_reprojection(&self, camera: &Camera, image: &ImageRecord) -> Option<String> {
         const PIXELS: f64 = 10.0;
         const FEW: usize = 10;
-        let off = |([u, v], point): &([f64; 2], u64)| {
-            let ([x, y], _) = camera.project(self.landmarks.get(point)?.place)?;
+        let error = |([u, v], point): &([f64; 2], u64)| {
+            let ([x, y], _) = camera.project(self.landmarks.get(point)?.position)?;
             Some((x + 0.5 - u).hypot(y + 0.5 - v))
         };
-        let mut off: Vec<f64> = image.seen.iter().filter_map(off).collect();
-        if off.len() < FEW {
+        let mut errors: Vec<f64> = image.keypoints.iter().filter_map(error).collect();
+        if errors.len() < FEW {
             return None;
         }
-        let middle = off.len() / 2;
-        let median = *off.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let middle = errors.len() / 2;
+        let median = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
         (median > PIXELS).then(|| {
             format!(
                 "half of the keypoints lie more than {median:.0} pixels from where the camera of the model sees their points: \
@@ -207,29 +203,29 @@ impl Parts {
         })
     }
 
-    fn view(&self, folder: &Path, image: Image, other: Option<&Placed>) -> Result<View> {
+    fn view(&self, folder: &Path, image: ImageRecord, text_pose: Option<&Pose>) -> Result<View> {
         let camera = self.cameras.get(&image.camera).ok_or_else(|| {
             Error::format(
                 folder,
                 format!("image `{}` has no camera {}", image.name, image.camera),
             )
         })?;
-        let (placed, mut remarks) = self.placed(&image, other);
-        let row = placed.rotation[2];
-        let mut keypoints = Vec::with_capacity(image.seen.len());
-        for ([u, v], point) in &image.seen {
+        let (pose, mut remarks) = self.pose(&image, text_pose);
+        let row = pose.rotation[2];
+        let mut keypoints = Vec::with_capacity(image.keypoints.len());
+        for ([u, v], point) in &image.keypoints {
             let Some(landmark) = self.landmarks.get(point) else {
                 continue;
             };
-            let along = row.iter().zip(landmark.place).map(|(r, x)| r * x);
-            let depth = along.sum::<f64>() + placed.translation[2];
+            let along = row.iter().zip(landmark.position).map(|(r, x)| r * x);
+            let depth = along.sum::<f64>() + pose.translation[2];
             if depth > 0.0 && depth.is_finite() {
                 keypoints.push(Keypoint {
                     // COLMAP has the centre of the first pixel at 0.5.
                     u: u - 0.5,
                     v: v - 0.5,
                     depth,
-                    sigma: deviation(depth, landmark, camera.focal),
+                    sigma: standard_deviation(depth, landmark, camera.focal),
                 });
             }
         }
@@ -240,17 +236,17 @@ impl Parts {
         let camera = camera.camera.clone().map(|camera| {
             camera
                 .with_size((width, height))
-                .with_pose(placed.rotation, placed.translation)
+                .with_pose(pose.rotation, pose.translation)
         });
         remarks.extend(
             camera
                 .as_ref()
-                .and_then(|camera| self.astray(camera, &image)),
+                .and_then(|camera| self.check_reprojection(camera, &image)),
         );
         Ok(View {
             size: (width, height),
             camera,
-            ignored: image.seen.len() - keypoints.len(),
+            ignored: image.keypoints.len() - keypoints.len(),
             keypoints,
             name: image.name,
             remarks,
@@ -258,9 +254,9 @@ impl Parts {
     }
 }
 
-/// How far a depth is off, but for a factor that all have: a reprojection error of so many pixels,
-/// seen from the distance, averaged over the images that see the point.
-fn deviation(depth: f64, landmark: &Landmark, focal: f64) -> f64 {
+/// The standard deviation of a depth, except for a common factor: the reprojection error at that depth, averaged over
+/// the images that see the point.
+fn standard_deviation(depth: f64, landmark: &Landmark, focal: f64) -> f64 {
     /// Errors below this are luck: no corner is found more exactly.
     const LEAST: f64 = 0.3;
     let error = landmark.error.max(LEAST);
@@ -272,14 +268,14 @@ const BINARY: &str = "bin";
 const TEXT: &str = "txt";
 
 /// A file of a model, before it is parsed.
-struct Stored<'a, Bytes> {
+struct ModelFile<'a, Bytes> {
     folder: &'a Path,
     name: &'a str,
     form: &'static str,
     bytes: Bytes,
 }
 
-impl<'a, Bytes: AsRef<[u8]>> Stored<'a, Bytes> {
+impl<'a, Bytes: AsRef<[u8]>> ModelFile<'a, Bytes> {
     fn read(
         folder: &'a Path,
         name: &'a str,
@@ -295,11 +291,7 @@ impl<'a, Bytes: AsRef<[u8]>> Stored<'a, Bytes> {
         }))
     }
 
-    fn form(&self) -> &'static str {
-        self.form
-    }
-
-    fn parsed<T>(
+    fn parse<T>(
         self,
         binary: impl Fn(&[u8]) -> Parsed<T>,
         text: impl Fn(&str) -> Parsed<T>,
@@ -326,8 +318,8 @@ impl<'a, Bytes: AsRef<[u8]>> Stored<'a, Bytes> {
 fn whole<Bytes: AsRef<[u8]>>(
     folder: &Path,
     file: impl Fn(&str) -> Result<Option<Bytes>>,
-) -> Result<[Stored<'_, Bytes>; 3]> {
-    let read = |name: &'static str, form| Stored::read(folder, name, form, &file);
+) -> Result<[ModelFile<'_, Bytes>; 3]> {
+    let read = |name: &'static str, form| ModelFile::read(folder, name, form, &file);
     let all = |form| -> Result<_> {
         Ok([
             read("cameras", form)?,
@@ -355,12 +347,12 @@ fn whole<Bytes: AsRef<[u8]>>(
 }
 
 /// The poses of images in a text file that is not used, by name; none if it cannot be read.
-fn placed_in_text<Bytes: AsRef<[u8]>>(
-    images: Option<Stored<'_, Bytes>>,
-) -> HashMap<String, Placed> {
-    let images = images.and_then(|images| images.parsed(|_| Ok(Vec::new()), text::images).ok());
+fn poses_in_text<Bytes: AsRef<[u8]>>(
+    images: Option<ModelFile<'_, Bytes>>,
+) -> HashMap<String, Pose> {
+    let images = images.and_then(|images| images.parse(|_| Ok(Vec::new()), text::images).ok());
     let images = images.unwrap_or_default().into_iter();
-    images.map(|image| (image.name, image.placed)).collect()
+    images.map(|image| (image.name, image.pose)).collect()
 }
 
 #[cfg(test)]

@@ -73,9 +73,9 @@ fn as_binary() -> Vec<(&'static str, Vec<u8>)> {
         (5, [-1.0, 1.0, 2.0], 0.1, 1),
         (6, [4.0, 0.0, 0.0], 0.5, 1),
     ];
-    for (id, place, error, track) in landmarks {
+    for (id, position, error, track) in landmarks {
         points.extend(id.to_le_bytes());
-        points.extend(place.map(f64::to_le_bytes).concat());
+        points.extend(position.map(f64::to_le_bytes).concat());
         points.extend([10, 20, 30]);
         points.extend(f64::to_le_bytes(error));
         points.extend(track.to_le_bytes());
@@ -222,9 +222,9 @@ fn rig_in_binary() -> Vec<(&'static str, Vec<u8>)> {
         cameras.extend([500.0, 320.0, 240.0, 0.01].map(f64::to_le_bytes).concat());
     }
     let mut points = 2_u64.to_le_bytes().to_vec();
-    for (id, place) in [(4_u64, [-2.0, 0.0, 4.0]), (5, [-1.0, 1.0, 5.0])] {
+    for (id, position) in [(4_u64, [-2.0, 0.0, 4.0]), (5, [-1.0, 1.0, 5.0])] {
         points.extend(id.to_le_bytes());
-        points.extend(place.map(f64::to_le_bytes).concat());
+        points.extend(position.map(f64::to_le_bytes).concat());
         points.extend([10, 20, 30]);
         points.extend(0.5_f64.to_le_bytes());
         points.extend(0_u64.to_le_bytes());
@@ -249,8 +249,11 @@ fn poses_of_frames_and_rigs_override_those_of_images() {
         let found = model(&borrowed(&files)).unwrap();
         for (found, expected) in depths(&found).iter().zip(RIG_DEPTHS) {
             assert_eq!(found.len(), expected.len());
-            let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs());
-            assert!(off.fold(0.0, f64::max) < 1e-12, "{found:?} {expected:?}");
+            let deviation = found.iter().zip(expected).map(|(a, b)| (a - b).abs());
+            assert!(
+                deviation.fold(0.0, f64::max) < 1e-12,
+                "{found:?} {expected:?}"
+            );
         }
         // The first camera is turned by 15 degrees about x, and 1.60 away from the origin.
         for (view, words) in found
@@ -348,8 +351,8 @@ fn the_models_of_colmap_4_are_known() {
         // Of the second image, which stands at the origin.
         let seeing = found.views[1].camera.clone().unwrap();
         let (pixel, _) = seeing.project([0.6, -0.4, 2.0]).unwrap();
-        let off = (pixel[0] + 0.5 - u).hypot(pixel[1] + 0.5 - v);
-        assert!(off < 1e-9, "{camera}: {pixel:?}");
+        let deviation = (pixel[0] + 0.5 - u).hypot(pixel[1] + 0.5 - v);
+        assert!(deviation < 1e-9, "{camera}: {pixel:?}");
     }
     let mut files = as_text();
     files[0].1 = b"1 EUCM 640 480 500 510 320 240 0.5 1.1\n".to_vec();
@@ -362,14 +365,14 @@ fn the_models_of_colmap_4_are_known() {
 
 /// A camera of 64x48 pixels at the origin that sees twelve points, at keypoints so many times as far from the corner.
 fn seen(factor: f64) -> View {
-    let place = |i: i32| (f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0, 4.0);
+    let position = |i: i32| (f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0, 4.0);
     let keypoint = |i| {
-        let (x, y, z) = place(i);
+        let (x, y, z) = position(i);
         let (u, v) = (32.0 + 50.0 * x / z, 24.0 + 50.0 * y / z);
         format!("{} {} {i}", factor * u, factor * v)
     };
     let point = |i| {
-        let (x, y, z) = place(i);
+        let (x, y, z) = position(i);
         format!("{i} {x} {y} {z} 0 0 0 0.5 1 {i}")
     };
     let keypoints = (0..12).map(keypoint).collect::<Vec<_>>().join(" ");

@@ -1,8 +1,8 @@
 //! Models as text: one camera or point to a line, two lines to an image.
 
-use super::calibration::Calibration;
-use super::records::{Image, Landmark, Parsed, Placed};
-use super::rigs::{Frame, Frames, Rigs};
+use super::calibration::CameraRecord;
+use super::records::{ImageRecord, Landmark, Parsed, RigFrames, Rigs, pose};
+use crate::pose::Pose;
 use std::collections::HashMap;
 use std::str::FromStr;
 
@@ -10,7 +10,7 @@ use std::str::FromStr;
 const CAMERA: &str = "CAMERA";
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS...`
-pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, Calibration>> {
+pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, CameraRecord>> {
     let mut cameras = HashMap::new();
     for (number, line) in lines(text) {
         let mut fields = Fields::new(number, line);
@@ -21,14 +21,14 @@ pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, Calibration>> {
         while !fields.is_over() {
             parameters.push(fields.next("a parameter")?);
         }
-        cameras.insert(id, Calibration::new(&model, size, &parameters)?);
+        cameras.insert(id, CameraRecord::new(&model, size, &parameters)?);
     }
     Ok(cameras)
 }
 
 /// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then `X Y POINT3D_ID` again and again, which may
 /// be an empty line.
-pub(super) fn images(text: &str) -> Parsed<Vec<Image>> {
+pub(super) fn images(text: &str) -> Parsed<Vec<ImageRecord>> {
     let mut images = Vec::new();
     let mut lines = text
         .lines()
@@ -40,26 +40,26 @@ pub(super) fn images(text: &str) -> Parsed<Vec<Image>> {
         }
         let mut fields = Fields::new(number, line);
         let id = fields.next("an image")?;
-        let placed = fields.placed()?;
+        let pose = fields.pose()?;
         let camera = fields.next("a camera")?;
         let name = fields.rest();
-        let mut seen = Vec::new();
+        let mut keypoints = Vec::new();
         if let Some((number, line)) = lines.next() {
             let mut fields = Fields::new(number, line);
             while !fields.is_over() {
-                let place = [fields.next("a column")?, fields.next("a row")?];
+                let position = [fields.next("a column")?, fields.next("a row")?];
                 // -1 where the keypoint has no point.
                 if let Ok(point) = u64::try_from(fields.next::<i64>("a point")?) {
-                    seen.push((place, point));
+                    keypoints.push((position, point));
                 }
             }
         }
-        images.push(Image {
+        images.push(ImageRecord {
             id,
-            placed,
+            pose,
             camera,
             name,
-            seen,
+            keypoints,
         });
     }
     Ok(images)
@@ -76,14 +76,14 @@ pub(super) fn rigs(text: &str) -> Parsed<Rigs> {
         for number in 0..sensors {
             let kind = fields.take();
             let sensor = fields.next("a sensor")?;
-            // The first is the rig's own place.
-            let placed = match number {
-                0 => Some(Placed::ORIGIN),
+            // The first sensor is the origin of the rig.
+            let pose = match number {
+                0 => Some(Pose::IDENTITY),
                 _ if fields.next::<u8>("whether there is a pose")? == 0 => None,
-                _ => Some(fields.placed()?),
+                _ => Some(fields.pose()?),
             };
             if kind == CAMERA {
-                rigs.add(rig, sensor, placed);
+                rigs.insert((rig, sensor), pose);
             }
         }
     }
@@ -92,26 +92,19 @@ pub(super) fn rigs(text: &str) -> Parsed<Rigs> {
 
 /// `FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA_IDS`, then `SENSOR_TYPE SENSOR_ID DATA_ID` again and
 /// again.
-pub(super) fn frames(text: &str) -> Parsed<Frames> {
-    let mut frames = Frames::default();
+pub(super) fn frames(text: &str) -> Parsed<RigFrames> {
+    let mut frames = RigFrames::default();
     for (number, line) in lines(text) {
         let mut fields = Fields::new(number, line);
         fields.skip();
         let rig = fields.next("a rig")?;
-        let placed = fields.placed()?;
+        let pose = fields.pose()?;
         let data: u32 = fields.next("a number of images")?;
         for _ in 0..data {
             let kind = fields.take();
             let (sensor, image) = (fields.next("a sensor")?, fields.next("an image")?);
             if kind == CAMERA {
-                frames.add(
-                    image,
-                    Frame {
-                        rig,
-                        sensor,
-                        placed,
-                    },
-                );
+                frames.insert(image, ((rig, sensor), pose));
             }
         }
     }
@@ -124,8 +117,8 @@ pub(super) fn landmarks(text: &str) -> Parsed<HashMap<u64, Landmark>> {
     for (number, line) in lines(text) {
         let mut fields = Fields::new(number, line);
         let id = fields.next("a point")?;
-        let mut place = [0.0; 3];
-        for value in &mut place {
+        let mut position = [0.0; 3];
+        for value in &mut position {
             *value = fields.next("a place")?;
         }
         (0..3).for_each(|_| fields.skip());
@@ -134,7 +127,7 @@ pub(super) fn landmarks(text: &str) -> Parsed<HashMap<u64, Landmark>> {
         landmarks.insert(
             id,
             Landmark {
-                place,
+                position,
                 error,
                 track,
             },
@@ -181,12 +174,12 @@ impl<'a> Fields<'a> {
     }
 
     /// A quaternion w, x, y, z and a translation.
-    fn placed(&mut self) -> Parsed<Placed> {
+    fn pose(&mut self) -> Parsed<Pose> {
         let mut numbers = [0.0; 7];
         for value in &mut numbers {
             *value = self.next("a pose")?;
         }
-        Placed::new(numbers).map_err(|what| format!("line {}: {what}", self.line))
+        pose(numbers).map_err(|what| format!("line {}: {what}", self.line))
     }
 
     fn skip(&mut self) {

@@ -22,8 +22,8 @@ fn png_chunk(bytes: &[u8], kind: [u8; 4]) -> Option<&[u8]> {
 /// section 3.1).
 pub(super) fn offset(bytes: &[u8]) -> Option<[i64; 2]> {
     let numbers = png_chunk(bytes, *b"oFFs")?.as_chunks::<4>().0.get(..2)?;
-    let place = [numbers[0], numbers[1]].map(|number| i64::from(i32::from_be_bytes(number)));
-    (place != [0, 0]).then_some(place)
+    let offset = [numbers[0], numbers[1]].map(|number| i64::from(i32::from_be_bytes(number)));
+    (offset != [0, 0]).then_some(offset)
 }
 
 /// The frames of an animation; 1 of other files (chunk acTL of PNG, chunks ANMF of WebP).

@@ -1,9 +1,10 @@
 //! Colour maps as PNG, with the depths of their ends.
 
+use super::depth_png::write_png;
 use super::write_atomically;
 use crate::error::Result;
 use image::RgbImage;
-use png::{BitDepth, ColorType, Compression, Encoder, Filter};
+use png::{BitDepth, ColorType};
 use std::path::Path;
 
 /// The text chunk with the depths of the first and the last colour, as `LOW,HIGH`.
@@ -15,17 +16,10 @@ const KEYWORD: &str = "Depths of the colour scale";
 /// # Errors
 /// The file cannot be written.
 pub fn write_colour_map(path: &Path, image: &RgbImage, (low, high): (f32, f32)) -> Result<()> {
+    let (size, colors) = (image.dimensions(), (ColorType::Rgb, BitDepth::Eight));
+    let text = (KEYWORD, format!("{low},{high}"));
     write_atomically(path, |out| {
-        let mut encoder = Encoder::new(out, image.width(), image.height());
-        encoder.set_color(ColorType::Rgb);
-        encoder.set_depth(BitDepth::Eight);
-        // Trying every filter on each row takes longer than what it saves is worth.
-        encoder.set_compression(Compression::Fast);
-        encoder.set_filter(Filter::Up);
-        encoder.add_text_chunk(KEYWORD.into(), format!("{low},{high}"))?;
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(image.as_raw())?;
-        Ok(writer.finish()?)
+        write_png(out, size, colors, text, image.as_raw())
     })
 }
 

@@ -1,7 +1,7 @@
 //! Depths as 16-bit PNG, and the unit that such a file holds.
 
-use super::write_atomically;
-use crate::error::{Cause, Error, Result};
+use super::{encoded, write_atomically};
+use crate::error::{Error, Result};
 use crate::{DepthMap, Unit};
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 use std::fs::File;
@@ -67,10 +67,7 @@ pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> 
 /// A depth that does not fit.
 pub fn encode_depth_png(depth: &DepthMap, scale: f64) -> Result<Vec<u8>> {
     let values = stored(depth, scale).map_err(|e| Error::shape(e).hint(COARSER))?;
-    let mut bytes = Vec::new();
-    encode(&mut bytes, depth, &values, scale)
-        .map_err(|e| Error::new(Cause::Write, "cannot make a PNG").because(e))?;
-    Ok(bytes)
+    encoded("a PNG", |bytes| encode(bytes, depth, &values, scale))
 }
 
 /// What to do where a depth does not fit.
@@ -98,15 +95,34 @@ fn stored(depth: &DepthMap, scale: f64) -> std::result::Result<Vec<u8>, String> 
 }
 
 fn encode(out: &mut dyn Write, depth: &DepthMap, values: &[u8], scale: f64) -> std::io::Result<()> {
-    let mut encoder = Encoder::new(out, depth.width() as u32, depth.height() as u32);
-    encoder.set_color(ColorType::Grayscale);
-    encoder.set_depth(BitDepth::Sixteen);
+    let size = (depth.width() as u32, depth.height() as u32);
+    let text = (KEYWORD, format!("{}", 1.0 / scale));
+    write_png(
+        out,
+        size,
+        (ColorType::Grayscale, BitDepth::Sixteen),
+        text,
+        values,
+    )
+}
+
+/// Writes a PNG with a text chunk: its keyword and its text.
+pub(super) fn write_png(
+    out: &mut dyn Write,
+    (width, height): (u32, u32),
+    (color, depth): (ColorType, BitDepth),
+    (keyword, text): (&str, String),
+    pixels: &[u8],
+) -> std::io::Result<()> {
+    let mut encoder = Encoder::new(out, width, height);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
     // Trying every filter on each row takes longer than what it saves is worth.
     encoder.set_compression(Compression::Fast);
     encoder.set_filter(Filter::Up);
-    encoder.add_text_chunk(KEYWORD.into(), format!("{}", 1.0 / scale))?;
+    encoder.add_text_chunk(keyword.into(), text)?;
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(values)?;
+    writer.write_image_data(pixels)?;
     Ok(writer.finish()?)
 }
 

@@ -2,7 +2,7 @@
 
 use super::{check_pixels, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
-use crate::doubts::{Doubt, Numbers, channel_rank, doubt_of_name, quoted};
+use crate::checks::{NumberType, Warning, channel_rank, name_warning, quoted};
 use crate::error::{Cause, Error, Result};
 use crate::raster::Raster;
 use exr::meta::MetaData;
@@ -83,23 +83,18 @@ pub(crate) fn read_exr(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let sigma = sigma
         .map(|sigma| sigma.raster(path, display, length))
         .transpose()?;
-    let doubt = doubt_of_name(&depths.name, || {
+    let warning = name_warning(&depths.name, || {
         format!("a channel called `{}`", depths.name)
     });
-    raster.doubts.extend(doubt);
+    raster.warnings.extend(warning);
     let is_sigma =
         |other: &Channel<'_>| std::ptr::eq(other.part, depths.part) && other.samples.name.eq(SIGMA);
     let others = channels
         .iter()
         .filter(|other| !std::ptr::eq(*other, depths) && !is_sigma(other));
-    let others: Vec<String> = others.map(|other| other.name.clone()).collect();
-    if !others.is_empty() {
-        raster.doubts.push(Doubt::Chosen {
-            what: "channel",
-            name: format!("`{}`", depths.name),
-            others,
-        });
-    }
+    let others = others.map(|other| other.name.clone()).collect();
+    let warning = Warning::chosen("channel", format!("`{}`", depths.name), others);
+    raster.warnings.extend(warning);
     Ok((raster, sigma))
 }
 
@@ -131,18 +126,19 @@ fn channels(parts: &[Part]) -> Vec<Channel<'_>> {
 /// The channel that says depth best; or else the only one, one of values without colour, or the first of R, G and B
 /// that are equal.
 fn depths<'a, 'b>(channels: &'b [Channel<'a>]) -> Option<&'b Channel<'a>> {
-    let sibling = |name: &str, last: char| {
-        let prefix = name.strip_suffix(['z', 'Z'])?;
-        let wanted = format!("{prefix}{last}");
-        channels
-            .iter()
-            .any(|other| other.name.eq_ignore_ascii_case(&wanted))
-            .then_some(())
+    let has_sibling = |name: &str, last: char| {
+        let prefix = name.strip_suffix(['z', 'Z']);
+        prefix
+            .map(|prefix| format!("{prefix}{last}"))
+            .is_some_and(|sibling| {
+                let mut names = channels.iter().map(|other| &other.name);
+                names.any(|name| name.eq_ignore_ascii_case(&sibling))
+            })
     };
     let rank = |channel: &Channel<'_>| {
         let rank = channel_rank(&channel.name)?;
         // X, Y and Z are coordinates, normals or speeds.
-        let vector = sibling(&channel.name, 'x').is_some() && sibling(&channel.name, 'y').is_some();
+        let vector = has_sibling(&channel.name, 'x') && has_sibling(&channel.name, 'y');
         let says_more = channel_rank(channel.name.trim_end_matches(['z', 'Z'])).is_some();
         (!vector || says_more || channel.name.len() == 1).then_some((vector, rank))
     };
@@ -183,8 +179,8 @@ impl Channel<'_> {
             return Err(Error::format(path, what).hint("write the depths at full resolution"));
         }
         let numbers = match samples {
-            FlatSamples::U32(_) => Numbers::unsigned(32),
-            FlatSamples::F16(_) | FlatSamples::F32(_) => Numbers::Floats,
+            FlatSamples::U32(_) => NumberType::unsigned(32),
+            FlatSamples::F16(_) | FlatSamples::F32(_) => NumberType::Floats,
         };
         let values: Vec<f32> = samples.values_as_f32().collect();
         let Vec2(left, top) = self.part.attributes.layer_position - display.position;
@@ -211,8 +207,8 @@ impl Channel<'_> {
         let mut inside = 0;
         for (y, row) in (top..).zip(values.chunks_exact(width)) {
             for (x, &value) in (left..).zip(row) {
-                let place = (usize::try_from(x), usize::try_from(y));
-                if let (Ok(x), Ok(y)) = place
+                let position = (usize::try_from(x), usize::try_from(y));
+                if let (Ok(x), Ok(y)) = position
                     && x < across
                     && y < down
                 {
@@ -222,7 +218,7 @@ impl Channel<'_> {
             }
         }
         let mut raster = Raster::new((across, down), placed, numbers);
-        raster.doubts.push(Doubt::Window {
+        raster.warnings.push(Warning::Window {
             window: [left, top, width as i64, height as i64],
             picture: (across, down),
             outside: width * height - inside,
@@ -272,13 +268,13 @@ mod tests {
 
     /// Writes parts, each with its name, place and channels of 2x2 values, into a display window.
     fn write(parts: &[Written<'_>], display: (usize, usize)) -> tempfile::NamedTempFile {
-        let layer = |(name, place, channels): &Written<'_>| {
+        let layer = |(name, position, channels): &Written<'_>| {
             let list = channels.iter().map(|(name, first)| {
                 let values = (0..4).map(|i| first + i as f32).collect();
                 AnyChannel::new(*name, FlatSamples::F32(values))
             });
             let mut attributes = LayerAttributes::named(Text::from(*name));
-            attributes.layer_position = Vec2(place.0, place.1);
+            attributes.layer_position = Vec2(position.0, position.1);
             let list = AnyChannels::sort(list.collect());
             Layer::new((2, 2), attributes, Encoding::UNCOMPRESSED, list)
         };
@@ -302,12 +298,12 @@ mod tests {
         let mut expected = [0.0; 12];
         expected[9..11].copy_from_slice(&[5.0, 6.0]);
         assert_eq!(found.values, expected);
-        let window = Doubt::Window {
+        let window = Warning::Window {
             window: [1, 2, 2, 2],
             picture: (4, 3),
             outside: 2,
         };
-        assert_eq!(found.doubts, [window]);
+        assert_eq!(found.warnings, [window]);
         // Larger than the display window, as renders with overscan are.
         let file = write(&[("only", (-1, -1), &[("Z", 5.0)])], (1, 1));
         assert_eq!(read_exr(file.path()).unwrap().0.values, [8.0]);
@@ -338,15 +334,15 @@ mod tests {
             let (found, _) = read_one(channels).unwrap();
             assert_eq!(found.values[0], first, "{channels:?}");
             assert_eq!(
-                found.doubts.len(),
+                found.warnings.len(),
                 usize::from(channels.len() > 1),
                 "{channels:?}"
             );
         }
         let (found, sigma) = read_one(&[("Z", 7.0), ("sigma", 1.0)]).unwrap();
-        assert_eq!((found.doubts.len(), sigma.unwrap().values[0]), (0, 1.0));
+        assert_eq!((found.warnings.len(), sigma.unwrap().values[0]), (0, 1.0));
         let (found, _) = read_one(&[("distance", 7.0)]).unwrap();
-        assert!(matches!(found.doubts[..], [Doubt::RayDistance { .. }]));
+        assert!(matches!(found.warnings[..], [Warning::RayDistance { .. }]));
     }
 
     #[test]
@@ -357,7 +353,7 @@ mod tests {
         ];
         let (found, _) = read_exr(write(&parts, (3, 2)).path()).unwrap();
         assert_eq!(found.values, [0.0, 7.0, 8.0, 0.0, 9.0, 10.0]);
-        assert_eq!(found.doubts.len(), 2, "{:?}", found.doubts);
+        assert_eq!(found.warnings.len(), 2, "{:?}", found.warnings);
     }
 
     #[test]

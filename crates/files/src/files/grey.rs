@@ -2,9 +2,9 @@
 
 use super::depth_png::declared_unit;
 use super::picture::open;
-use super::{check_pixels, chunks, pgm, read_tiff};
+use super::{check_pixels, chunks, pgm, read_tiff, refuse_window};
 use crate::DepthMap;
-use crate::doubts::{Doubt, Numbers};
+use crate::checks::{NumberType, Warning};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
 use image::metadata::Orientation;
@@ -28,13 +28,17 @@ pub(crate) fn read_grey(path: &Path) -> Result<Raster> {
             }
             let (columns, rows) = (image.width() as usize, image.height() as usize);
             let values = image.into_luma8().iter().map(|&v| f32::from(v)).collect();
-            Ok(Raster::new((columns, rows), values, Numbers::unsigned(8)))
+            Ok(Raster::new(
+                (columns, rows),
+                values,
+                NumberType::unsigned(8),
+            ))
         }
     }
 }
 
 /// Reads a grey PNG as depth: metres = value x `scale`, 0 = no measurement, as are the marks of
-/// [`crate::doubts::leave_out_marks`].
+/// [`crate::checks::leave_out_marks`].
 ///
 /// # Errors
 /// A missing or damaged file, or a colour image.
@@ -58,11 +62,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
         ColorType::GrayscaleAlpha => 2,
         ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => return Err(pgm::colour(path)),
     };
-    if let Some([x, y]) = chunks::offset(bytes) {
-        let what = format!("is a window at {x}, {y} of a larger picture (chunk oFFs)");
-        return Err(Error::format(path, what)
-            .hint("write the whole picture, 0 where there is no measurement"));
-    }
+    refuse_window(path, chunks::offset(bytes), "chunk oFFs")?;
     let (width, height, depth) = (info.width, info.height, info.bit_depth);
     let exif = info
         .exif_metadata
@@ -104,11 +104,11 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
         return Err(Error::format(path, "is not a readable image"));
     }
     let values = values.into_iter().map(f32::from).collect();
-    let raster = Raster::new(size, values, Numbers::unsigned(depth as u32));
+    let raster = Raster::new(size, values, NumberType::unsigned(depth as u32));
     let mut raster = raster.upright(exif.map_or(1, Orientation::to_exif));
     raster.declared = transparent.map(f64::from);
     raster.plain = plain;
-    raster.doubts.extend(Doubt::first("frame", frames));
+    raster.warnings.extend(Warning::first("frame", frames));
     Ok(raster)
 }
 
@@ -186,23 +186,23 @@ mod tests {
             let found = read_grey(&path).unwrap();
             assert_eq!((found.columns, found.rows), (3, 2));
             assert_eq!(found.values, expected, "{depth:?}");
-            assert_eq!(found.numbers, Numbers::unsigned(depth as u32));
+            assert_eq!(found.numbers, NumberType::unsigned(depth as u32));
         }
     }
 
     #[test]
     fn a_window_of_a_larger_picture_is_refused() {
         let rows = [0, 1, 0, 2];
-        let place = |x: i32, y: i32| [&x.to_be_bytes()[..], &y.to_be_bytes(), &[0]].concat();
+        let position = |x: i32, y: i32| [&x.to_be_bytes()[..], &y.to_be_bytes(), &[0]].concat();
         let (_folder, path) = in_folder(
             "a.png",
-            &png(2, 1, BitDepth::Sixteen, &rows, Some(&place(40, 0))),
+            &png(2, 1, BitDepth::Sixteen, &rows, Some(&position(40, 0))),
         );
         let error = read_grey(&path).unwrap_err().to_string();
         assert!(error.contains("window at 40, 0"), "{error}");
         let (_folder, path) = in_folder(
             "a.png",
-            &png(2, 1, BitDepth::Sixteen, &rows, Some(&place(0, 0))),
+            &png(2, 1, BitDepth::Sixteen, &rows, Some(&position(0, 0))),
         );
         assert_eq!(read_grey(&path).unwrap().values, [1.0, 2.0]);
     }
@@ -241,7 +241,7 @@ mod tests {
             ImageBuffer::from_fn(4, 3, |x, _| LumaA([10 * x as u8, 255]));
         image.save(&path).unwrap();
         let found = read_grey(&path).unwrap();
-        assert_eq!(found.numbers, Numbers::unsigned(8));
+        assert_eq!(found.numbers, NumberType::unsigned(8));
         assert_eq!(found.values[3 + 2 * 4], 30.0);
     }
 

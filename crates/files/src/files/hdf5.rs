@@ -2,7 +2,7 @@
 
 use super::{LARGEST, check_unfolded, plausible};
 use crate::DepthMap;
-use crate::doubts::{Doubt, Numbers, channel_rank, doubt_of_name, quoted};
+use crate::checks::{NumberType, Warning, depth_array, name_warning, quoted};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
 use half::f16;
@@ -157,21 +157,16 @@ impl Hdf5 {
             return Err(Error::format(&self.path, format!("`{name}` is too long")));
         }
         let objects = cells.dereference().map_err(|e| self.damaged(e))?;
+        let no_texts = || Error::format(&self.path, format!("`{name}` holds no texts"));
         objects
             .into_iter()
             .map(|object| {
                 let Object::Dataset(text) = object else {
-                    return Err(Error::format(
-                        &self.path,
-                        format!("`{name}` holds no texts"),
-                    ));
+                    return Err(no_texts());
                 };
                 let length: u64 = text.shape().map_err(|e| self.damaged(e))?.iter().product();
                 if length > 1000 {
-                    return Err(Error::format(
-                        &self.path,
-                        format!("`{name}` holds no texts"),
-                    ));
+                    return Err(no_texts());
                 }
                 let units = text.read_u16().map_err(|e| self.damaged(e))?;
                 Ok(String::from_utf16_lossy(&units))
@@ -341,17 +336,7 @@ const SCALE: &str = "scale_factor";
 pub(crate) fn read_h5(path: &Path) -> Result<Raster> {
     let file = Hdf5::open(path)?;
     let names = file.maps()?;
-    let known = DEPTHS
-        .iter()
-        .find_map(|known| names.iter().find(|name| name == known));
-    let named = || {
-        let ranked = names
-            .iter()
-            .filter_map(|name| Some((channel_rank(name)?, name)));
-        ranked.min().map(|(_, name)| name)
-    };
-    let only = || names.first().filter(|_| names.len() == 1);
-    let name = known.or_else(named).or_else(only).ok_or_else(|| {
+    let name = depth_array(&names, &DEPTHS).ok_or_else(|| {
         let all = file.arrays().unwrap_or_default();
         let what = if names.is_empty() {
             format!(
@@ -364,20 +349,12 @@ pub(crate) fn read_h5(path: &Path) -> Result<Raster> {
         Error::format(path, what).hint("call the array of depths `depth`")
     })?;
     let mut raster = file.map(name)?;
-    let others: Vec<String> = names
-        .iter()
-        .filter(|other| *other != name)
-        .cloned()
-        .collect();
-    if !others.is_empty() {
-        raster.doubts.push(Doubt::Chosen {
-            what: "array",
-            name: format!("`{name}`"),
-            others,
-        });
-    }
-    let doubt = doubt_of_name(name, || format!("an array called `{name}`"));
-    raster.doubts.extend(doubt);
+    let others = names.iter().filter(|other| *other != name);
+    let others = others.cloned().collect();
+    let warning = Warning::chosen("array", format!("`{name}`"), others);
+    raster.warnings.extend(warning);
+    let warning = name_warning(name, || format!("an array called `{name}`"));
+    raster.warnings.extend(warning);
     Ok(raster)
 }
 
@@ -442,7 +419,7 @@ impl Hdf5 {
         };
         let array = self.array(name)?;
         let element = array.dtype().map_err(|e| self.damaged(e))?;
-        let stored = numbers(&element).unwrap_or(Numbers::Floats);
+        let stored = numbers(&element).unwrap_or(NumberType::Floats);
         let values = if self.half(name)?.is_some() {
             self.rows_f32(name, &shape[1..], 0, shape[0])?
         } else {
@@ -457,7 +434,7 @@ impl Hdf5 {
         let fill = || array.fill_value::<f64>().ok().flatten();
         raster.declared = MARKS.iter().find_map(|name| attribute(name)).or_else(fill);
         if let Some(scale) = attribute(SCALE).filter(|scale| *scale != 1.0) {
-            raster.doubts.push(Doubt::Scale(scale));
+            raster.warnings.push(Warning::Scale(scale));
         }
         Ok(raster)
     }
@@ -476,17 +453,17 @@ fn plane(shape: &[usize]) -> Option<(usize, usize)> {
 }
 
 /// The type of numbers; nothing of other elements.
-fn numbers(element: &DType) -> Option<Numbers> {
+fn numbers(element: &DType) -> Option<NumberType> {
     Some(match element {
-        DType::F32 | DType::F64 => Numbers::Floats,
-        DType::U8 => Numbers::unsigned(8),
-        DType::U16 => Numbers::unsigned(16),
-        DType::U32 => Numbers::unsigned(32),
-        DType::U64 => Numbers::unsigned(64),
-        DType::I8 => Numbers::signed(8),
-        DType::I16 => Numbers::signed(16),
-        DType::I32 => Numbers::signed(32),
-        DType::I64 => Numbers::signed(64),
+        DType::F32 | DType::F64 => NumberType::Floats,
+        DType::U8 => NumberType::unsigned(8),
+        DType::U16 => NumberType::unsigned(16),
+        DType::U32 => NumberType::unsigned(32),
+        DType::U64 => NumberType::unsigned(64),
+        DType::I8 => NumberType::signed(8),
+        DType::I16 => NumberType::signed(16),
+        DType::I32 => NumberType::signed(32),
+        DType::I64 => NumberType::signed(64),
         _ => return None,
     })
 }
@@ -544,7 +521,7 @@ mod tests {
         builder.write(&path).unwrap();
         let found = read_h5(&path).unwrap();
         assert_eq!(found.values, [1.0, 1.5, 2.0, 0.0, -2.0, 0.5]);
-        assert_eq!(found.doubts, []);
+        assert_eq!(found.warnings, []);
     }
 
     #[test]
@@ -570,14 +547,14 @@ mod tests {
         assert_eq!(found.values, [1000.0, 2000.0, 9999.0, 0.0, 5.0, 6.0]);
         assert_eq!(
             (found.numbers, found.declared),
-            (Numbers::unsigned(16), Some(9999.0))
+            (NumberType::unsigned(16), Some(9999.0))
         );
-        let chosen = Doubt::Chosen {
+        let chosen = Warning::Chosen {
             what: "array",
             name: "`depth`".to_owned(),
             others: vec!["mask".to_owned()],
         };
-        assert_eq!(found.doubts, [chosen]);
+        assert_eq!(found.warnings, [chosen]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Clouds of laser scanners in LAS, and compressed as LAZ.
 
-use super::{Visit, check_unfolded, quiet};
+use super::{PointVisitor, check_unfolded, quiet};
 use crate::error::{Error, Result};
 use las::raw::Header;
 use laz::LazItemType;
@@ -18,7 +18,7 @@ const HEAD: u64 = 60;
 const BEFORE: u64 = 20;
 
 /// Visits every point.
-pub(super) fn read_las(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
+pub(super) fn read_las(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> {
     let damaged = |e| Error::format(path, "is no sound LAS file").because(e);
     let unreadable = |e| Error::read(path, e);
     let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
@@ -59,14 +59,9 @@ fn check_records(
     let Some(records) = &header.evlr else {
         return Ok(());
     };
-    let unreadable = |e| Error::read(path, e);
     let mut start = records.start_of_first_evlr;
     for _ in 0..records.number_of_evlrs {
-        file.seek(SeekFrom::Start(start.saturating_add(BEFORE)))
-            .map_err(unreadable)?;
-        let mut length = [0; 8];
-        file.read_exact(&mut length).map_err(unreadable)?;
-        let length = u64::from_le_bytes(length);
+        let length = number_at(path, file, start.saturating_add(BEFORE))?;
         start = start.saturating_add(HEAD).saturating_add(length);
         if start > size {
             return Err(Error::format(
@@ -78,6 +73,15 @@ fn check_records(
     Ok(())
 }
 
+/// The 8 bytes at an offset, as a number.
+fn number_at(path: &Path, file: &mut BufReader<File>, offset: u64) -> Result<u64> {
+    let mut bytes = [0; 8];
+    file.seek(SeekFrom::Start(offset))
+        .and_then(|_| file.read_exact(&mut bytes))
+        .map_err(|e| Error::read(path, e))?;
+    Ok(u64::from_le_bytes(bytes))
+}
+
 /// Refuses a table of more chunks than the file has bytes, for which the library makes room unread
 /// (the specification of `LASzip`, "Chunk table").
 fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: u64) -> Result<()> {
@@ -86,21 +90,14 @@ fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: 
     if header.point_data_record_format & COMPRESSED == 0 {
         return Ok(());
     }
-    let mut number = |place: u64| -> Result<u64> {
-        let mut bytes = [0; 8];
-        file.seek(SeekFrom::Start(place))
-            .and_then(|_| file.read_exact(&mut bytes))
-            .map_err(|e| Error::read(path, e))?;
-        Ok(u64::from_le_bytes(bytes))
-    };
     let start = u64::from(header.offset_to_point_data);
-    let mut table = number(start)?;
+    let mut table = number_at(path, file, start)?;
     // Written without seeking: the place is at the end.
     if table.cast_signed() <= start.cast_signed() {
-        table = number(size.saturating_sub(8))?;
+        table = number_at(path, file, size.saturating_sub(8))?;
     }
     // A version comes first.
-    let chunks = number(table)? >> 32;
+    let chunks = number_at(path, file, table)? >> 32;
     if chunks > size {
         return Err(Error::format(
             path,
@@ -128,21 +125,21 @@ fn check_layers(path: &Path, raw: &Header, header: &las::Header, size: u64) -> R
     let table = ChunkTable::read_from(&mut file, &compression).map_err(damaged)?;
     let layers: u64 = compression.items().iter().copied().map(layers_of).sum();
     let head = compression.items_size() + 4;
-    let mut place = start + ChunkTable::OFFSET_SIZE as u64;
+    let mut offset = start + ChunkTable::OFFSET_SIZE as u64;
     let mut points = 0_u64;
     for chunk in &table {
-        file.seek(SeekFrom::Start(place + head))
+        file.seek(SeekFrom::Start(offset + head))
             .map_err(unreadable)?;
-        place += head + 4 * layers;
+        offset += head + 4 * layers;
         for _ in 0..layers {
             let mut length = [0; 4];
             file.read_exact(&mut length).map_err(unreadable)?;
-            place += u64::from(u32::from_le_bytes(length));
+            offset += u64::from(u32::from_le_bytes(length));
         }
-        if place > size {
+        if offset > size {
             return Err(Error::format(
                 path,
-                format!("declares points up to byte {place}, the file has {size}"),
+                format!("declares points up to byte {offset}, the file has {size}"),
             ));
         }
         points = points.saturating_add(chunk.point_count);

@@ -48,9 +48,16 @@ pub(super) fn check_pixels(
     Err(Error::format(path, what).hint("the file is damaged; write it again"))
 }
 
-/// Refuses contents of more bytes than are read: `usual`, unless another limit is set.
-pub(super) fn check_unfolded(path: &Path, what: &str, bytes: u64, usual: u64) -> Result<()> {
-    let most = MOST.get().map_or(usual, |most| most.min(usual));
+/// Refuses contents of more bytes than are read: `default_limit`, unless another limit is set.
+pub(super) fn check_unfolded(
+    path: &Path,
+    what: &str,
+    bytes: u64,
+    default_limit: u64,
+) -> Result<()> {
+    let most = MOST
+        .get()
+        .map_or(default_limit, |most| most.min(default_limit));
     if bytes <= most {
         return Ok(());
     }
@@ -82,8 +89,8 @@ mod tests {
         let check = |size| check_pixels(path, (40_000, 40_000), 4_800_000_000, size).unwrap_err();
         let large = check(900_000_000);
         assert_eq!(large.cause(), Cause::TooLarge);
-        let said = large.to_string();
-        assert!(said.contains("is too large: 40000x40000"), "{said}");
+        let text = large.to_string();
+        assert!(text.contains("is too large: 40000x40000"), "{text}");
         assert!(check(900).to_string().contains("only 900 bytes"));
     }
 }

@@ -39,19 +39,19 @@ pub use npz::{encode_npz, read_npz_lists, write_npz};
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::image_kind;
-pub use picture::{Upright, image_size, is_depth_image, read_rgb, read_upright, write_rgb};
-pub use ply::{Colored, are_far, encode_ply, write_ply};
+pub use picture::{UprightImage, image_size, is_depth_image, read_rgb, read_upright, write_rgb};
+pub use ply::{ColoredPoint, are_far, encode_ply, write_ply};
 pub use quiet::hide_caught_panics;
 pub use save::{
-    Unfinished, check_output, check_writable, remove_leftovers, would_replace, write_atomically,
+    AtomicFile, check_output, check_writable, remove_leftovers, would_replace, write_atomically,
     write_folder_atomically,
 };
-pub(super) use table::{Columns, Row, Table, read_table};
+pub(super) use table::{ColumnMeaning, PointTable, TableRow, read_table};
 pub use tiff::write_tiff;
 pub(super) use tiff::{is_grey_tiff, read_tiff};
 
 use super::DepthMap;
-use crate::error::{Error, Result};
+use crate::error::{Cause, Error, Result};
 use std::path::{Path, PathBuf};
 
 /// The endings of colour images.
@@ -60,13 +60,13 @@ pub(super) const IMAGES: [&str; 9] = [
 ];
 
 /// What is done with each point of a cloud: x, y, z in stored units, maybe not finite.
-pub(super) type Visit<'a> = dyn FnMut([f64; 3]) + 'a;
+pub(super) type PointVisitor<'a> = dyn FnMut([f64; 3]) + 'a;
 
 /// The endings of clouds.
 pub(super) const CLOUDS: [&str; 5] = ["ply", "pcd", "las", "laz", "bin"];
 
 /// Visits every point of a cloud, which is read by its ending and never whole.
-pub(super) fn read_cloud(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
+pub(super) fn read_cloud(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> {
     if has_ending(path, "ply") {
         ply::read_ply(path, visit)
     } else if has_ending(path, "pcd") {
@@ -152,6 +152,26 @@ pub fn read_mask(path: &Path) -> Result<(usize, usize, Vec<bool>)> {
     let map = raster.scaled(1.0)?;
     let valid = map.values().iter().map(|&v| v != 0.0).collect();
     Ok((map.width(), map.height(), valid))
+}
+
+/// Refuses depths at an offset within a larger picture, which the field `named` declares.
+fn refuse_window(path: &Path, offset: Option<[i64; 2]>, named: &str) -> Result<()> {
+    let Some([x, y]) = offset else {
+        return Ok(());
+    };
+    let what = format!("is a window at {x}, {y} of a larger picture ({named})");
+    Err(Error::format(path, what).hint("write the whole picture, 0 where there is no measurement"))
+}
+
+/// The bytes of a file in memory that `encode` writes.
+fn encoded(
+    what: &str,
+    encode: impl FnOnce(&mut Vec<u8>) -> std::io::Result<()>,
+) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    encode(&mut bytes)
+        .map_err(|e| Error::new(Cause::Write, format!("cannot make {what}")).because(e))?;
+    Ok(bytes)
 }
 
 fn not_depth(path: &Path) -> Error {

@@ -1,9 +1,9 @@
 //! NumPy `.npy` arrays of depths.
 
-use super::write_atomically;
+use super::{encoded, write_atomically};
 use crate::DepthMap;
-use crate::doubts::Numbers;
-use crate::error::{Cause, Error, Result};
+use crate::checks::NumberType;
+use crate::error::{Error, Result};
 use crate::raster::Raster;
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
 use std::io::Write;
@@ -13,7 +13,7 @@ use std::path::Path;
 /// them, as metres = value x `scale`.
 ///
 /// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite
-/// and negative values mean no measurement, as do the marks of [`crate::doubts::leave_out_marks`].
+/// and negative values mean no measurement, as do the marks of [`crate::checks::leave_out_marks`].
 ///
 /// # Errors
 /// Not an `.npy` file, another shape or element type, or fewer bytes than the header declares.
@@ -123,18 +123,18 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
         })?;
     let (rows, columns) = (rows as usize, columns as usize);
     let values = if fortran {
-        let place = |i: usize| (i % columns) * rows + i / columns;
-        (0..stored.len()).map(|i| stored[place(i)]).collect()
+        let position = |i: usize| (i % columns) * rows + i / columns;
+        (0..stored.len()).map(|i| stored[position(i)]).collect()
     } else {
         stored
     };
     let (kind, length) = kind(&element).split_at(1);
     let bits = 8 * length.parse().unwrap_or(1);
     let numbers = match kind {
-        "b" => Numbers::Booleans,
-        "u" => Numbers::unsigned(bits),
-        "i" => Numbers::signed(bits),
-        _ => Numbers::Floats,
+        "b" => NumberType::Booleans,
+        "u" => NumberType::unsigned(bits),
+        "i" => NumberType::signed(bits),
+        _ => NumberType::Floats,
     };
     Ok(Raster::new((columns, rows), values, numbers))
 }
@@ -206,10 +206,7 @@ pub fn write_npy(path: &Path, depth: &DepthMap) -> Result<()> {
 /// # Errors
 /// None.
 pub fn encode_npy(depth: &DepthMap) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    encode(&mut bytes, depth)
-        .map_err(|e| Error::new(Cause::Write, "cannot make an npy array").because(e))?;
-    Ok(bytes)
+    encoded("an npy array", |bytes| encode(bytes, depth))
 }
 
 /// Writes what an `.npy` file holds, float32 of shape `(height, width)`.

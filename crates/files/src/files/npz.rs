@@ -3,7 +3,7 @@
 use super::npy::{NumberList, encode, parse, parse_list};
 use super::{LARGEST, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
-use crate::doubts::{Doubt, channel_rank, doubt_of_name, quoted};
+use crate::checks::{Warning, depth_array, name_warning, quoted};
 use crate::error::{Cause, Error, Result};
 use crate::raster::Raster;
 use std::fs::File;
@@ -92,41 +92,28 @@ pub fn read_npz_lists<const N: usize>(
     Ok(lists)
 }
 
-/// The depths of an archive, and their standard deviations if it has them. The array is called as in `DEPTHS`, or its
-/// name says depth otherwise; a single array may be called anything.
+/// The depths of an archive, and their standard deviations if it has them.
 pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let mut arrays = Arrays::open(path)?;
     let names = arrays.names.clone();
-    let find = |known: &[&str]| {
-        let mut known = known.iter();
-        known.find_map(|name| names.iter().find(|n| n == name).cloned())
-    };
-    let only = || names.first().filter(|_| names.len() == 1).cloned();
-    let named = || {
-        let ranked = names
-            .iter()
-            .filter_map(|name| Some((channel_rank(name)?, name)));
-        ranked.min().map(|(_, name)| name.clone())
-    };
-    let depths = find(&DEPTHS).or_else(named).or_else(only).ok_or_else(|| {
+    let depths = depth_array(&names, &DEPTHS).ok_or_else(|| {
         let what = format!("has no array of depths. Arrays: {}", quoted(&names));
         Error::format(path, what).hint("save the depths as `depth`, their deviations as `sigma`")
     })?;
     let mut read = |name: &str| parse(path, &arrays.bytes(name)?);
-    let mut array = read(&depths)?;
-    let deviations = find(&SIGMAS);
-    let sigma = deviations.as_deref().map(&mut read).transpose()?;
-    let doubt = doubt_of_name(&depths, || format!("an array called `{depths}`"));
-    array.doubts.extend(doubt);
-    let used = |name: &String| *name == depths || deviations.as_ref() == Some(name);
-    let others: Vec<String> = names.iter().filter(|name| !used(name)).cloned().collect();
-    if !others.is_empty() {
-        array.doubts.push(Doubt::Chosen {
-            what: "array",
-            name: format!("`{depths}`"),
-            others,
-        });
-    }
+    let mut array = read(depths)?;
+    let deviations = SIGMAS
+        .iter()
+        .find_map(|known| names.iter().find(|name| name == known));
+    let sigma = deviations.map(|name| read(name)).transpose()?;
+    let warning = name_warning(depths, || format!("an array called `{depths}`"));
+    array.warnings.extend(warning);
+    let others = names
+        .iter()
+        .filter(|name| *name != depths && Some(*name) != deviations);
+    let others = others.cloned().collect();
+    let warning = Warning::chosen("array", format!("`{depths}`"), others);
+    array.warnings.extend(warning);
     Ok((array, sigma))
 }
 
@@ -212,20 +199,20 @@ mod tests {
 
     #[test]
     fn lists_of_other_shapes_and_types_and_damaged_archives_are_errors() {
-        let said = |file: &tempfile::NamedTempFile| {
+        let text = |file: &tempfile::NamedTempFile| {
             let error = read_npz_lists(file.path(), ["u"]).unwrap_err();
             assert_eq!(error.cause(), Cause::Format);
             error.to_string()
         };
         let square = archive(&[("u", &[1, 2], Floats(&[1.0, 2.0]))]);
-        assert!(said(&square).contains("`u` has shape [1, 2]"));
+        assert!(text(&square).contains("`u` has shape [1, 2]"));
         let flags = archive(&[("u", &[2], Flags(&[true, false]))]);
-        assert!(said(&flags).contains("numbers"));
-        let sound = archive(&[("u", &[2], Floats(&[1.0, 2.0]))]);
-        let bytes = std::fs::read(sound.path()).unwrap();
+        assert!(text(&flags).contains("numbers"));
+        let intact = archive(&[("u", &[2], Floats(&[1.0, 2.0]))]);
+        let bytes = std::fs::read(intact.path()).unwrap();
         for length in [0, 10, bytes.len() / 2, bytes.len() - 1] {
-            std::fs::write(sound.path(), &bytes[..length]).unwrap();
-            assert!(said(&sound).contains("no sound npz archive"));
+            std::fs::write(intact.path(), &bytes[..length]).unwrap();
+            assert!(text(&intact).contains("no sound npz archive"));
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Clouds in PCD, the format of the Point Cloud Library: text, binary, and compressed.
 
-use super::{LARGEST, Visit, check_unfolded, plausible};
+use super::{LARGEST, PointVisitor, check_unfolded, plausible};
 use crate::error::{Error, Result};
 use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta};
 use std::fs::File;
@@ -8,7 +8,7 @@ use std::io::{BufRead, BufReader, Cursor, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 /// Visits every point.
-pub(super) fn read_pcd(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
+pub(super) fn read_pcd(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> {
     let damaged = |e: pcd_rs::Error| Error::format(path, "is no sound PCD file").because(e);
     let unreadable = |e| Error::read(path, e);
     let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
@@ -17,12 +17,12 @@ pub(super) fn read_pcd(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
     let start = file.stream_position().map_err(unreadable)?;
     let meta = PcdMeta::from_reader(&header[..]).map_err(damaged)?;
     check(path, &meta, &mut file, size)?;
-    let place = ["x", "y", "z"].map(|axis| {
+    let position = ["x", "y", "z"].map(|axis| {
         // Padding is not kept in records.
         let mut fields = meta.field_defs.iter().filter(|field| !field.is_padding());
         fields.position(|field| field.name == axis)
     });
-    let [Some(x), Some(y), Some(z)] = place else {
+    let [Some(x), Some(y), Some(z)] = position else {
         return Err(Error::format(path, "has points without x, y and z"));
     };
     file.seek(SeekFrom::Start(start)).map_err(unreadable)?;
@@ -74,9 +74,9 @@ fn read_header(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
     for line in &lines {
         if BY_FIELD.iter().any(|name| named(line, name)) {
             let words = words(line);
-            let kept = words.iter().enumerate().filter(|(field, _)| !empty(*field));
-            let kept: Vec<&[u8]> = kept.map(|(_, word)| &word[..]).collect();
-            header.extend(kept.join(&b' '));
+            let nonempty = words.iter().enumerate().filter(|(field, _)| !empty(*field));
+            let nonempty: Vec<&[u8]> = nonempty.map(|(_, word)| &word[..]).collect();
+            header.extend(nonempty.join(&b' '));
             header.push(b'\n');
         } else {
             header.extend(line);
@@ -128,19 +128,15 @@ fn check(path: &Path, meta: &PcdMeta, data: &mut impl BufRead, size: u64) -> Res
 }
 
 fn first(field: &Field) -> f64 {
-    let value = match field {
-        Field::I8(values) => values.first().map(|&v| v as f64),
-        Field::I16(values) => values.first().map(|&v| v as f64),
-        Field::I32(values) => values.first().map(|&v| v as f64),
-        Field::I64(values) => values.first().map(|&v| v as f64),
-        Field::U8(values) => values.first().map(|&v| v as f64),
-        Field::U16(values) => values.first().map(|&v| v as f64),
-        Field::U32(values) => values.first().map(|&v| v as f64),
-        Field::U64(values) => values.first().map(|&v| v as f64),
-        Field::F32(values) => values.first().map(|&v| v as f64),
-        Field::F64(values) => values.first().copied(),
-    };
-    value.unwrap_or(f64::NAN)
+    macro_rules! first {
+        ($($type:ident)*) => {
+            match field {
+                $(Field::$type(values) => values.first().map(|&v| v as f64),)*
+                Field::F64(values) => values.first().copied(),
+            }
+        };
+    }
+    first!(I8 I16 I32 I64 U8 U16 U32 U64 F32).unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]
@@ -160,8 +156,8 @@ mod tests {
         let head = "# .PCD v0.7\nVERSION .7\nFIELDS x _ y z _ ring _\nSIZE 4 1 4 4 1 2 1\nTYPE F U F F U U U\n\
             COUNT 1 0 1 1 3 1 0\nWIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA binary\n";
         let point = |first: f32| {
-            let place = [first, first + 1.0, first + 2.0].map(f32::to_le_bytes);
-            [place.as_flattened(), &[9, 9, 9, 7, 0]].concat()
+            let position = [first, first + 1.0, first + 2.0].map(f32::to_le_bytes);
+            [position.as_flattened(), &[9, 9, 9, 7, 0]].concat()
         };
         let bytes = [head.as_bytes(), &point(1.0), &point(10.0)].concat();
         assert_eq!(read(&bytes).unwrap(), [[1.0, 2.0, 3.0], [10.0, 11.0, 12.0]]);

@@ -2,7 +2,7 @@
 
 use super::write_atomically;
 use crate::DepthMap;
-use crate::doubts::{Doubt, Numbers};
+use crate::checks::{NumberType, Warning};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
 use std::path::Path;
@@ -64,9 +64,9 @@ pub(crate) fn read_pfm(path: &Path) -> Result<Raster> {
     }
     let rows = words[..width * height].chunks_exact(width).rev();
     let values = rows.flat_map(|row| row.iter().map(|&word| value(word, little)));
-    let mut raster = Raster::new((width, height), values.collect(), Numbers::Floats);
+    let mut raster = Raster::new((width, height), values.collect(), NumberType::Floats);
     if !matches!(order.abs(), 0.0 | 1.0) {
-        raster.doubts.push(Doubt::Scale(order.abs()));
+        raster.warnings.push(Warning::Scale(order.abs()));
     }
     Ok(raster)
 }
@@ -106,19 +106,19 @@ mod tests {
     fn the_sign_of_the_scale_is_the_order_of_bytes_and_its_size_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.pfm");
-        for (scale, bytes, doubts) in [
+        for (scale, bytes, warnings) in [
             ("-1.0", 2.5_f32.to_le_bytes(), vec![]),
             ("1", 2.5_f32.to_be_bytes(), vec![]),
             (
                 "-0.003922",
                 2.5_f32.to_le_bytes(),
-                vec![Doubt::Scale(0.003_922)],
+                vec![Warning::Scale(0.003_922)],
             ),
         ] {
             let file = [format!("Pf\n1 1\n{scale}\n").as_bytes(), &bytes].concat();
             std::fs::write(&path, file).unwrap();
             let found = read_pfm(&path).unwrap();
-            assert_eq!((found.values, found.doubts), (vec![2.5], doubts));
+            assert_eq!((found.values, found.warnings), (vec![2.5], warnings));
         }
         std::fs::write(&path, b"PF\n1 1\n-1\n000000000000").unwrap();
         let error = read_pfm(&path).unwrap_err().to_string();

@@ -2,7 +2,7 @@
 //! scale the numbers, which are depths.
 
 use super::check_pixels;
-use crate::doubts::Numbers;
+use crate::checks::NumberType;
 use crate::error::{Error, Result};
 use crate::raster::Raster;
 use std::path::Path;
@@ -66,7 +66,7 @@ pub(super) fn read_pgm(path: &Path, bytes: &[u8]) -> Result<Raster> {
         return Err(Error::format(path, what).hint("the file is damaged; write it again"));
     }
     let size = (width as usize, height as usize);
-    let numbers = Numbers::unsigned(8 * each as u32);
+    let numbers = NumberType::unsigned(8 * each as u32);
     Ok(Raster::new(size, values, numbers))
 }
 
@@ -120,12 +120,12 @@ mod tests {
             let body = [0, 0, 1, 44, 0, 7];
             let found = read(&[head.as_bytes(), &body].concat()).unwrap();
             assert_eq!(found.values, [0.0, 300.0, 7.0], "{largest}");
-            assert_eq!(found.numbers, Numbers::unsigned(16));
+            assert_eq!(found.numbers, NumberType::unsigned(16));
         }
         let found = read(b"P5 3 1 100\n\x00\x64\x07").unwrap();
         assert_eq!(
             (&found.values[..], found.numbers),
-            (&[0.0, 100.0, 7.0][..], Numbers::unsigned(8))
+            (&[0.0, 100.0, 7.0][..], NumberType::unsigned(8))
         );
         let found = read(b"P2\n2 2 # a remark\n4000\n0 1234\r\n7 4000").unwrap();
         assert_eq!(found.values, [0.0, 1234.0, 7.0, 4000.0]);

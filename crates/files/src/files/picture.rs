@@ -4,7 +4,7 @@ use super::tags::Tags;
 use super::tiff::check_tags;
 use super::{check_pixels, chunks, write_atomically};
 use crate::Orientation;
-use crate::doubts::{Doubt, check_jpeg, to_rgb8};
+use crate::checks::{Warning, check_jpeg, to_rgb8};
 use crate::error::{Error, Result};
 use crate::foreign::check_foreign;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -17,13 +17,13 @@ use std::path::Path;
 
 /// A colour image, upright.
 #[derive(Clone, Debug)]
-pub struct Upright {
+pub struct UprightImage {
     /// Its pixels, turned as its EXIF record asks.
     pub rgb: RgbImage,
     /// How it was turned.
     pub orientation: Orientation,
     /// What should be checked.
-    pub doubts: Vec<Doubt>,
+    pub warnings: Vec<Warning>,
 }
 
 /// Reads a JPEG, PNG, WebP, TIFF, BMP or PNM as 8-bit RGB, turned upright as its EXIF record asks.
@@ -38,14 +38,14 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage> {
 ///
 /// # Errors
 /// A missing, damaged or unknown file.
-pub fn read_upright(path: &Path) -> Result<Upright> {
-    let (image, orientation, mut doubts) = open(path)?;
-    let (rgb, doubt) = to_rgb8(image);
-    doubts.extend(doubt);
-    Ok(Upright {
+pub fn read_upright(path: &Path) -> Result<UprightImage> {
+    let (image, orientation, mut warnings) = open(path)?;
+    let (rgb, warning) = to_rgb8(image);
+    warnings.extend(warning);
+    Ok(UprightImage {
         rgb,
         orientation,
-        doubts,
+        warnings,
     })
 }
 
@@ -90,35 +90,35 @@ pub fn is_depth_image(path: &Path) -> Result<bool> {
 }
 
 /// An image turned upright, how, and what the rest of its file says.
-pub(super) fn open(path: &Path) -> Result<(DynamicImage, Orientation, Vec<Doubt>)> {
+pub(super) fn open(path: &Path) -> Result<(DynamicImage, Orientation, Vec<Warning>)> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     check_jpeg(&bytes).map_err(|cut_off| {
         Error::format(path, "is not a readable image")
             .because(cut_off)
             .hint("the file is incomplete; copy or write it again")
     })?;
-    let doubts = beside(path, &bytes)?;
+    let warnings = container_warnings(path, &bytes)?;
     let mut decoder = decoder(path, Cursor::new(&bytes), bytes.len() as u64)?;
     let damaged = |e: ImageError| damaged(path, e);
     let exif = decoder.orientation().map_err(damaged)?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     let size = (image.width() as usize, image.height() as usize);
     image.apply_orientation(exif);
-    Ok((image, Orientation::new(size, exif.to_exif()), doubts))
+    Ok((image, Orientation::new(size, exif.to_exif()), warnings))
 }
 
 /// Pages and frames beside the first, and the place of the image in a larger picture.
-fn beside(path: &Path, bytes: &[u8]) -> Result<Vec<Doubt>> {
+fn container_warnings(path: &Path, bytes: &[u8]) -> Result<Vec<Warning>> {
     let (several, offset) = if matches!(image::guess_format(bytes), Ok(ImageFormat::Tiff)) {
         let tags = Tags::of(path, bytes)?;
         (tags.chosen_page(), tags.offset(bytes))
     } else {
         (
-            Doubt::first("frame", chunks::frames(bytes)),
+            Warning::first("frame", chunks::frames(bytes)),
             chunks::offset(bytes),
         )
     };
-    let offset = offset.map(|place| Doubt::Offset { place });
+    let offset = offset.map(|position| Warning::Offset { position });
     Ok(several.into_iter().chain(offset).collect())
 }
 
@@ -174,7 +174,7 @@ mod tests {
             encoder.set_exif_metadata(exif(orientation)).unwrap();
             image.write_with_encoder(encoder).unwrap();
             std::fs::write(&path, file).unwrap();
-            let Upright {
+            let UprightImage {
                 rgb: upright,
                 orientation: found,
                 ..
@@ -195,7 +195,7 @@ mod tests {
             Rgb([x as u8 * 3, y as u8 * 3, (x * y) as u8])
         });
         photo.save(&path).unwrap();
-        assert!(read_upright(&path).unwrap().doubts.is_empty());
+        assert!(read_upright(&path).unwrap().warnings.is_empty());
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() * 2 / 3]).unwrap();
         let error = read_rgb(&path).unwrap_err();
@@ -215,6 +215,6 @@ mod tests {
         image.save(&path).unwrap();
         let found = read_upright(&path).unwrap();
         assert_eq!(found.rgb.get_pixel(63, 0).0, [251; 3]);
-        assert_eq!(found.doubts, [Doubt::Stretched { low: 0, high: 1023 }]);
+        assert_eq!(found.warnings, [Warning::Stretched { low: 0, high: 1023 }]);
     }
 }

@@ -1,7 +1,7 @@
 //! Clouds in Stanford's PLY, text and binary.
 
-use super::{Visit, write_atomically};
-use crate::error::{Cause, Error, Result};
+use super::{PointVisitor, encoded, write_atomically};
+use crate::error::{Error, Result};
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
     ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType,
@@ -41,7 +41,7 @@ impl PropertyAccess for Vertex {
 }
 
 /// Visits every vertex.
-pub(super) fn read_ply(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
+pub(super) fn read_ply(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> {
     let damaged = |e: ply_rs_bw::parser::ParseError| {
         Error::format(path, "is no sound PLY file").because(std::io::Error::from(e))
     };
@@ -57,7 +57,7 @@ pub(super) fn read_ply(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
         let is_vertex = name == "vertex";
         for _ in 0..element.count {
             let source = reader.get_mut();
-            let place = match header.encoding {
+            let position = match header.encoding {
                 Encoding::Ascii => {
                     line.clear();
                     number += 1;
@@ -76,7 +76,7 @@ pub(super) fn read_ply(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
                 }
             };
             if is_vertex {
-                visit(place);
+                visit(position);
             }
         }
         if is_vertex {
@@ -111,7 +111,7 @@ fn place_in(line: &str, element: &ElementDef) -> std::result::Result<[f64; 3], S
         let value = word.parse();
         value.map_err(|_| format!("`{word}` in the place of `{name}` is not a number"))
     };
-    let mut place = [f64::NAN; 3];
+    let mut position = [f64::NAN; 3];
     for (name, property) in &element.properties {
         let value = next(name)?;
         match (&property.data_type, &name[..]) {
@@ -124,13 +124,13 @@ fn place_in(line: &str, element: &ElementDef) -> std::result::Result<[f64; 3], S
                     next(name)?;
                 }
             }
-            (_, "x") => place[0] = value,
-            (_, "y") => place[1] = value,
-            (_, "z") => place[2] = value,
+            (_, "x") => position[0] = value,
+            (_, "y") => position[1] = value,
+            (_, "z") => position[2] = value,
             _ => {}
         }
     }
-    Ok(place)
+    Ok(position)
 }
 
 /// Refuses more elements than the file has bytes, and vertices without a place.
@@ -151,9 +151,9 @@ fn check(path: &Path, element: &ElementDef, size: u64) -> Result<()> {
 
 /// A point of a cloud that is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Colored {
+pub struct ColoredPoint {
     /// x, y, z in metres.
-    pub place: [f64; 3],
+    pub position: [f64; 3],
     /// Red, green, blue.
     pub color: [u8; 3],
     /// Standard deviation of the depth in metres.
@@ -161,9 +161,9 @@ pub struct Colored {
 }
 
 /// Whether float32 rounds a coordinate by more than 0.03 mm: any is beyond 1000 m, as in maps of the world.
-pub fn are_far(points: &[Colored]) -> bool {
-    let mut places = points.iter().flat_map(|point| point.place);
-    places.any(|v| v.abs() > 1000.0)
+pub fn are_far(points: &[ColoredPoint]) -> bool {
+    let mut positions = points.iter().flat_map(|point| point.position);
+    positions.any(|v| v.abs() > 1000.0)
 }
 
 /// Writes a binary cloud with colours, and with standard deviations if the first point has one. Coordinates are float32,
@@ -171,7 +171,7 @@ pub fn are_far(points: &[Colored]) -> bool {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_ply(path: &Path, points: &[Colored]) -> Result<()> {
+pub fn write_ply(path: &Path, points: &[ColoredPoint]) -> Result<()> {
     write_atomically(path, |out| encode(out, points))
 }
 
@@ -179,14 +179,11 @@ pub fn write_ply(path: &Path, points: &[Colored]) -> Result<()> {
 ///
 /// # Errors
 /// None.
-pub fn encode_ply(points: &[Colored]) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    encode(&mut bytes, points)
-        .map_err(|e| Error::new(Cause::Write, "cannot make a PLY cloud").because(e))?;
-    Ok(bytes)
+pub fn encode_ply(points: &[ColoredPoint]) -> Result<Vec<u8>> {
+    encoded("a PLY cloud", |bytes| encode(bytes, points))
 }
 
-fn encode(out: &mut dyn Write, points: &[Colored]) -> std::io::Result<()> {
+fn encode(out: &mut dyn Write, points: &[ColoredPoint]) -> std::io::Result<()> {
     let sigma = points.first().is_some_and(|point| point.sigma.is_some());
     let far = are_far(points);
     let properties = [
@@ -207,10 +204,10 @@ fn encode(out: &mut dyn Write, points: &[Colored]) -> std::io::Result<()> {
     writeln!(out, "end_header")?;
     for point in points {
         if far {
-            out.write_all(point.place.map(f64::to_le_bytes).as_flattened())?;
+            out.write_all(point.position.map(f64::to_le_bytes).as_flattened())?;
         } else {
-            let place = point.place.map(|v| (v as f32).to_le_bytes());
-            out.write_all(place.as_flattened())?;
+            let position = point.position.map(|v| (v as f32).to_le_bytes());
+            out.write_all(position.as_flattened())?;
         }
         out.write_all(&point.color)?;
         if sigma {
@@ -240,8 +237,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cloud.ply");
         for (x, bytes) in [(999.987_65, 15), (431_234.567_89, 27)] {
-            let point = Colored {
-                place: [x, -0.125, 2.5],
+            let point = ColoredPoint {
+                position: [x, -0.125, 2.5],
                 color: [1, 2, 3],
                 sigma: None,
             };

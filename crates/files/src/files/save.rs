@@ -11,7 +11,7 @@ const UNFINISHED: (&str, &str) = (".lsdc-", ".tmp");
 /// No file takes so long to write.
 const LONG_AGO: Duration = Duration::from_mins(10);
 
-/// Writes `path` through a temporary file, renamed when complete, as [`Unfinished`]. On return the file outlives a
+/// Writes `path` through a temporary file, renamed when complete, as [`AtomicFile`]. On return the file outlives a
 /// power failure.
 ///
 /// # Errors
@@ -20,7 +20,7 @@ pub fn write_atomically(
     path: &Path,
     fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<()> {
-    let mut file = Unfinished::create(path)?;
+    let mut file = AtomicFile::create(path)?;
     let mut buffer = BufWriter::new(&mut file);
     fill(&mut buffer)
         .and_then(|()| buffer.flush())
@@ -32,12 +32,12 @@ pub fn write_atomically(
 /// A temporary file that becomes the file at a path, or is copied into the pipe or device there; it is removed if it
 /// is not finished.
 #[derive(Debug)]
-pub struct Unfinished {
+pub struct AtomicFile {
     file: tempfile::NamedTempFile,
     target: Target,
 }
 
-impl Unfinished {
+impl AtomicFile {
     /// Creates the temporary file of `path`: in the folder of the file that `path` names, through any links.
     ///
     /// # Errors
@@ -81,7 +81,7 @@ impl Unfinished {
     }
 }
 
-impl Write for Unfinished {
+impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         self.file.write(bytes)
     }
@@ -91,9 +91,9 @@ impl Write for Unfinished {
     }
 }
 
-impl Seek for Unfinished {
-    fn seek(&mut self, place: SeekFrom) -> std::io::Result<u64> {
-        self.file.seek(place)
+impl Seek for AtomicFile {
+    fn seek(&mut self, position: SeekFrom) -> std::io::Result<u64> {
+        self.file.seek(position)
     }
 }
 
@@ -453,7 +453,7 @@ mod tests {
                 let pipe = pipe.clone();
                 move || std::fs::read(pipe).unwrap()
             });
-            let mut file = Unfinished::create(path).unwrap();
+            let mut file = AtomicFile::create(path).unwrap();
             file.write_all(b"?ello").unwrap();
             file.rewind().unwrap();
             file.write_all(b"h").unwrap();

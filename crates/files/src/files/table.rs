@@ -6,7 +6,7 @@ use std::path::Path;
 
 /// What the first three columns of a table are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Columns {
+pub(crate) enum ColumnMeaning {
     /// u, v and depth.
     Pixels,
     /// x, y and z of a cloud.
@@ -19,16 +19,16 @@ pub(crate) enum Columns {
 
 /// Rows of three or four numbers.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Table {
-    pub(crate) columns: Columns,
-    pub(crate) rows: Vec<Row>,
+pub(crate) struct PointTable {
+    pub(crate) columns: ColumnMeaning,
+    pub(crate) rows: Vec<TableRow>,
     /// What a row is called in messages: a line of a text, a row of an array.
     pub(crate) row: &'static str,
 }
 
 /// A point, in stored units.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Row {
+pub(crate) struct TableRow {
     /// Of the line in the text, from 1, or of the row in the array.
     pub(crate) number: usize,
     pub(crate) values: [f64; 3],
@@ -52,7 +52,7 @@ const HINT: &str = "a line is `u,v,depth` or `u,v,depth,sigma`, in pixels and un
 /// order, and others are left out; so does a remark, which `#` begins, if it stands before all numbers
 /// and names each column. Numbers may be quoted, and have decimal commas where another character
 /// separates them.
-pub(crate) fn read_table(path: &Path) -> Result<Table> {
+pub(crate) fn read_table(path: &Path) -> Result<PointTable> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let error = Error::format(path, "is not text").because(e);
@@ -70,13 +70,13 @@ pub(crate) fn read_table(path: &Path) -> Result<Table> {
     let Some(layout) = layout.filter(|_| !rows.is_empty()) else {
         return Err(Error::format(path, "holds no point"));
     };
-    if layout.columns == Columns::Unnamed && has_decimal_commas(&layout, &rows) {
+    if layout.columns == ColumnMeaning::Unnamed && has_decimal_commas(&layout, &rows) {
         let what = "its numbers have no decimal points, and sigma is larger than the depth: these \
              look like decimal commas between commas";
         return Err(Error::format(path, what)
             .hint("separate the numbers by semicolons, or name the columns in the first line"));
     }
-    Ok(Table {
+    Ok(PointTable {
         columns: layout.columns,
         rows,
         row: "line",
@@ -84,8 +84,8 @@ pub(crate) fn read_table(path: &Path) -> Result<Table> {
 }
 
 /// Whether the fourth column is rather the fraction of the third: `2,944` between commas.
-fn has_decimal_commas(layout: &Layout, rows: &[Row]) -> bool {
-    let larger = |row: &Row| row.fourth.is_some_and(|sigma| sigma > row.values[2]);
+fn has_decimal_commas(layout: &Layout, rows: &[TableRow]) -> bool {
+    let larger = |row: &TableRow| row.fourth.is_some_and(|sigma| sigma > row.values[2]);
     let count = rows.iter().filter(|row| larger(row)).count();
     layout.separator == Separator::Comma && layout.decimal.is_none() && 2 * count > rows.len()
 }
@@ -103,11 +103,11 @@ enum Separator {
 #[derive(Debug)]
 struct Layout {
     separator: Separator,
-    columns: Columns,
+    columns: ColumnMeaning,
     /// Fields of every line.
     fields: usize,
     /// Where the three numbers and the fourth are.
-    places: [usize; 3],
+    indices: [usize; 3],
     fourth: Option<usize>,
     /// The decimal mark, once a number has one.
     decimal: Option<char>,
@@ -118,7 +118,7 @@ struct Reader {
     layout: Option<Layout>,
     /// The last remark before the first line.
     remark: Option<String>,
-    rows: Vec<Row>,
+    rows: Vec<TableRow>,
 }
 
 type Parsed<T> = std::result::Result<T, String>;
@@ -151,9 +151,9 @@ impl Reader {
             ));
         }
         let mut value =
-            |place: usize| parsed(&fields[place], layout.separator, &mut layout.decimal);
-        let [a, b, c] = layout.places;
-        self.rows.push(Row {
+            |index: usize| parsed(&fields[index], layout.separator, &mut layout.decimal);
+        let [a, b, c] = layout.indices;
+        self.rows.push(TableRow {
             number,
             values: [value(a)?, value(b)?, value(c)?],
             fourth: layout.fourth.map(value).transpose()?,
@@ -177,29 +177,33 @@ impl Layout {
             names.filter(|names| names.len() == fields.len())
         };
         let found = names.as_deref().map(named);
-        let (columns, places, fourth) = match found {
+        let (columns, indices, fourth) = match found {
             Some(Ok(found)) => found,
             Some(Err(what)) if is_header => return Err(format!("{what} in `{line}`")),
             _ if fields.len() < 3 => {
                 return Err(format!("{} columns are too few", fields.len()));
             }
-            _ if is_xyz => (Columns::Space, [0, 1, 2], None),
+            _ if is_xyz => (ColumnMeaning::Space, [0, 1, 2], None),
             _ if fields.len() > 4 => {
                 let count = fields.len();
                 return Err(format!(
                     "{count} columns, and no first line that names them"
                 ));
             }
-            _ => (Columns::Unnamed, [0, 1, 2], (fields.len() > 3).then_some(3)),
+            _ => (
+                ColumnMeaning::Unnamed,
+                [0, 1, 2],
+                (fields.len() > 3).then_some(3),
+            ),
         };
-        if is_xyz && columns != Columns::Space {
+        if is_xyz && columns != ColumnMeaning::Space {
             return Err("names pixels in a file of x, y, z".to_owned());
         }
         let layout = Self {
             separator,
             columns,
             fields: fields.len(),
-            places,
+            indices,
             fourth,
             decimal: None,
         };
@@ -208,7 +212,7 @@ impl Layout {
 }
 
 /// What the names of columns mean, and where the numbers are.
-fn named(names: &[Cow<'_, str>]) -> Parsed<(Columns, [usize; 3], Option<usize>)> {
+fn named(names: &[Cow<'_, str>]) -> Parsed<(ColumnMeaning, [usize; 3], Option<usize>)> {
     let find = |known: &[&str]| {
         let mut fields = names.iter();
         fields.position(|field| known.iter().any(|name| name.eq_ignore_ascii_case(field)))
@@ -218,15 +222,15 @@ fn named(names: &[Cow<'_, str>]) -> Parsed<(Columns, [usize; 3], Option<usize>)>
     let sigma = find(SIGMA);
     match (u.or(x), v.or(y), depth.or(z)) {
         (Some(a), Some(b), Some(c)) if u.is_none() && v.is_none() && depth.is_none() => {
-            Ok((Columns::Space, [a, b, c], sigma))
+            Ok((ColumnMeaning::Space, [a, b, c], sigma))
         }
         (Some(_), Some(_), Some(_)) if u.is_none() && z.is_some() => {
             Err("columns of both x, y, z and depth; call pixels u and v".to_owned())
         }
         (Some(a), Some(b), Some(c)) if find(&[BY_THE_OTHERS]).is_some() => {
-            Ok((Columns::Outliers, [a, b, c], None))
+            Ok((ColumnMeaning::Outliers, [a, b, c], None))
         }
-        (Some(a), Some(b), Some(c)) => Ok((Columns::Pixels, [a, b, c], sigma)),
+        (Some(a), Some(b), Some(c)) => Ok((ColumnMeaning::Pixels, [a, b, c], sigma)),
         _ => Err("no columns u, v, depth or x, y, z".to_owned()),
     }
 }
@@ -300,14 +304,14 @@ fn parsed(text: &str, separator: Separator, decimal: &mut Option<char>) -> Parse
 mod tests {
     use super::*;
 
-    fn read_as(name: &str, text: &str) -> Result<Table> {
+    fn read_as(name: &str, text: &str) -> Result<PointTable> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(name);
         std::fs::write(&path, text).unwrap();
         read_table(&path)
     }
 
-    fn read(text: &str) -> Result<Table> {
+    fn read(text: &str) -> Result<PointTable> {
         read_as("points.csv", text)
     }
 
@@ -378,20 +382,20 @@ mod tests {
     #[test]
     fn names_tell_clouds_from_pixels() {
         for (text, columns) in [
-            ("x,y,z\n1,2,3\n", Columns::Space),
-            ("X Y Z intensity\n1 2 3 0.5\n", Columns::Space),
-            ("# x y z\n1 2 3\n", Columns::Space),
-            ("x,y,depth\n1,2,3\n", Columns::Pixels),
-            ("u,v,z\n1,2,3\n", Columns::Pixels),
-            ("x,y,z,u,v,depth\n7,8,9,1,2,3\n", Columns::Pixels),
-            ("1,2,3\n", Columns::Unnamed),
+            ("x,y,z\n1,2,3\n", ColumnMeaning::Space),
+            ("X Y Z intensity\n1 2 3 0.5\n", ColumnMeaning::Space),
+            ("# x y z\n1 2 3\n", ColumnMeaning::Space),
+            ("x,y,depth\n1,2,3\n", ColumnMeaning::Pixels),
+            ("u,v,z\n1,2,3\n", ColumnMeaning::Pixels),
+            ("x,y,z,u,v,depth\n7,8,9,1,2,3\n", ColumnMeaning::Pixels),
+            ("1,2,3\n", ColumnMeaning::Unnamed),
         ] {
             let table = read(text).unwrap();
             assert_eq!(table.columns, columns, "{text}");
             assert_eq!(table.rows[0].values, [1.0, 2.0, 3.0], "{text}");
         }
         let table = read_as("scan.xyz", "1 2 3 255 0 0\n").unwrap();
-        assert_eq!(table.columns, Columns::Space);
+        assert_eq!(table.columns, ColumnMeaning::Space);
         assert_eq!(table.rows[0].fourth, None);
         let error = read("x,y,z,depth\n1,2,3,4\n").unwrap_err().to_string();
         assert!(error.contains("both x, y, z and depth"), "{error}");

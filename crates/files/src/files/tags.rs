@@ -1,6 +1,6 @@
 //! The tags of TIFF files (TIFF 6.0, section 2; `BigTIFF` has the same fields, wider).
 
-use crate::doubts::Doubt;
+use crate::checks::Warning;
 use crate::error::{Error, Result};
 use std::ops::Range;
 use std::path::Path;
@@ -32,7 +32,7 @@ impl Tags {
                 .hint("the file is incomplete; write it again")
         };
         let little = bytes.starts_with(b"II");
-        let number = |place: Range<usize>| bytes.get(place).map(|bytes| number(bytes, little));
+        let number = |range: Range<usize>| bytes.get(range).map(|bytes| number(bytes, little));
         let big = number(2..4).ok_or_else(cut_off)? == 43;
         // Lengths of the count of tags, of a tag, of its count of numbers, and of a place in the file.
         let (all, tag, count, wide) = if big { (8, 20, 8, 8) } else { (2, 12, 4, 4) };
@@ -70,14 +70,14 @@ impl Tags {
                 }
                 let length = width(kind) * numbers as usize;
                 // Few values lie in the tag itself.
-                let place = if length <= wide {
+                let begin = if length <= wide {
                     at + 4 + count
                 } else {
                     field(4 + count, wide)? as usize
                 };
                 if tags.pages == 0 {
                     tags.found
-                        .push((id, kind, place..place.saturating_add(length)));
+                        .push((id, kind, begin..begin.saturating_add(length)));
                 }
                 at += tag;
             }
@@ -93,55 +93,55 @@ impl Tags {
     }
 
     /// That the first of several pages is read.
-    pub(super) fn chosen_page(&self) -> Option<Doubt> {
-        Doubt::first("page", self.pages)
+    pub(super) fn chosen_page(&self) -> Option<Warning> {
+        Warning::first("page", self.pages)
     }
 
     /// The place of the image in a larger picture in pixels, where it is not 0.
     pub(super) fn offset(&self, bytes: &[u8]) -> Option<[i64; 2]> {
-        let along = |place: u64, resolution: u64| {
+        let along = |position: u64, resolution: u64| {
             let number = |tag| self.number(tag, bytes).filter(|v: &f64| v.is_finite());
-            (number(place).unwrap_or(0.0) * number(resolution).unwrap_or(1.0)).round() as i64
+            (number(position).unwrap_or(0.0) * number(resolution).unwrap_or(1.0)).round() as i64
         };
-        let place = [
+        let offset = [
             along(X_POSITION, X_RESOLUTION),
             along(Y_POSITION, Y_RESOLUTION),
         ];
-        (place != [0, 0]).then_some(place)
+        (offset != [0, 0]).then_some(offset)
     }
 
     /// Where the values of a tag lie, and their type.
-    fn place(&self, id: u64) -> Option<(u64, Range<usize>)> {
+    fn range(&self, id: u64) -> Option<(u64, Range<usize>)> {
         let found = self.found.iter().find(|(other, ..)| *other == id);
-        found.map(|(_, kind, place)| (*kind, place.clone()))
+        found.map(|(_, kind, range)| (*kind, range.clone()))
     }
 
     /// Where a short number lies.
     pub(super) fn short(&self, id: u64) -> Option<Range<usize>> {
-        let (_, place) = self.place(id)?;
-        Some(place.start..place.start + 2)
+        let (_, range) = self.range(id)?;
+        Some(range.start..range.start + 2)
     }
 
     /// A number, whole or a fraction.
     pub(super) fn number(&self, id: u64, bytes: &[u8]) -> Option<f64> {
-        let (kind, place) = self.place(id)?;
-        let value = |place: Range<usize>| {
+        let (kind, range) = self.range(id)?;
+        let value = |range: Range<usize>| {
             bytes
-                .get(place)
+                .get(range)
                 .map(|bytes| number(bytes, self.little) as f64)
         };
         // Fractions are two numbers.
         if matches!(kind, 5 | 10) {
-            let middle = place.start + 4;
-            return Some(value(place.start..middle)? / value(middle..middle + 4)?);
+            let middle = range.start + 4;
+            return Some(value(range.start..middle)? / value(middle..middle + 4)?);
         }
-        value(place.start..place.start + width(kind))
+        value(range.start..range.start + width(kind))
     }
 
     /// A text.
     pub(super) fn text<'a>(&self, id: u64, bytes: &'a [u8]) -> Option<&'a str> {
-        let (_, place) = self.place(id)?;
-        let text = std::str::from_utf8(bytes.get(place)?).ok()?;
+        let (_, range) = self.range(id)?;
+        let text = std::str::from_utf8(bytes.get(range)?).ok()?;
         Some(text.trim_matches(|letter: char| letter == '\0' || letter.is_whitespace()))
     }
 

@@ -1,9 +1,9 @@
 //! TIFF images of one channel.
 
 use super::tags::Tags;
-use super::{check_pixels, write_atomically};
+use super::{check_pixels, refuse_window, write_atomically};
 use crate::DepthMap;
-use crate::doubts::{Doubt, Numbers};
+use crate::checks::{NumberType, Warning};
 use crate::error::{Cause, Error, Result};
 use crate::raster::Raster;
 use std::fs::File;
@@ -33,11 +33,7 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
     let mut bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let size = bytes.len() as u64;
     let tags = Tags::of(path, &bytes)?;
-    if let Some([x, y]) = tags.offset(&bytes) {
-        let what = format!("is a window at {x}, {y} of a larger picture (XPosition, YPosition)");
-        return Err(Error::format(path, what)
-            .hint("write the whole picture, 0 where there is no measurement"));
-    }
+    refuse_window(path, tags.offset(&bytes), "XPosition, YPosition")?;
     let item = |role| {
         let metadata = tags.text(GDAL, &bytes)?;
         gdal_item(metadata, role)?.parse::<f64>().ok()
@@ -52,7 +48,7 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
     if tags.number(PHOTOMETRIC, &bytes) == Some(WHITE_IS_ZERO)
         && let Some(value) = tags
             .short(PHOTOMETRIC)
-            .and_then(|place| bytes.get_mut(place))
+            .and_then(|range| bytes.get_mut(range))
     {
         value.copy_from_slice(&tags.short_bytes(BLACK_IS_ZERO));
     }
@@ -79,23 +75,23 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
         };
     }
     let (values, numbers): (Vec<f32>, _) = match image {
-        DecodingResult::U8(v) => (floats!(v), Numbers::unsigned(8)),
-        DecodingResult::U16(v) => (floats!(v), Numbers::unsigned(16)),
-        DecodingResult::U32(v) => (floats!(v), Numbers::unsigned(32)),
-        DecodingResult::U64(v) => (floats!(v), Numbers::unsigned(64)),
-        DecodingResult::I8(v) => (floats!(v), Numbers::signed(8)),
-        DecodingResult::I16(v) => (floats!(v), Numbers::signed(16)),
-        DecodingResult::I32(v) => (floats!(v), Numbers::signed(32)),
-        DecodingResult::I64(v) => (floats!(v), Numbers::signed(64)),
-        DecodingResult::F16(v) => (v.into_iter().map(f32::from).collect(), Numbers::Floats),
-        DecodingResult::F32(v) => (v, Numbers::Floats),
-        DecodingResult::F64(v) => (floats!(v), Numbers::Floats),
+        DecodingResult::U8(v) => (floats!(v), NumberType::unsigned(8)),
+        DecodingResult::U16(v) => (floats!(v), NumberType::unsigned(16)),
+        DecodingResult::U32(v) => (floats!(v), NumberType::unsigned(32)),
+        DecodingResult::U64(v) => (floats!(v), NumberType::unsigned(64)),
+        DecodingResult::I8(v) => (floats!(v), NumberType::signed(8)),
+        DecodingResult::I16(v) => (floats!(v), NumberType::signed(16)),
+        DecodingResult::I32(v) => (floats!(v), NumberType::signed(32)),
+        DecodingResult::I64(v) => (floats!(v), NumberType::signed(64)),
+        DecodingResult::F16(v) => (v.into_iter().map(f32::from).collect(), NumberType::Floats),
+        DecodingResult::F32(v) => (v, NumberType::Floats),
+        DecodingResult::F64(v) => (floats!(v), NumberType::Floats),
     };
     let raster = Raster::new((width as usize, height as usize), values, numbers);
     let mut raster = raster.upright(tags.number(ORIENTATION, &bytes).unwrap_or(1.0) as u8);
     raster.declared = tags.text(NODATA, &bytes).and_then(|text| text.parse().ok());
-    raster.doubts.extend(tags.chosen_page());
-    raster.doubts.extend(scale.map(Doubt::Scale));
+    raster.warnings.extend(tags.chosen_page());
+    raster.warnings.extend(scale.map(Warning::Scale));
     Ok(raster)
 }
 
@@ -195,13 +191,13 @@ mod tests {
             )
         };
         let found = read(1, Some(&item("SCALE", "scale", "0.01"))).unwrap();
-        assert_eq!(found.doubts, [Doubt::Scale(0.01)]);
+        assert_eq!(found.warnings, [Warning::Scale(0.01)]);
         for plain in [
             item("SCALE", "scale", "1"),
             item("OFFSET", "offset", "0"),
             item("AREA", "", "3"),
         ] {
-            assert_eq!(read(1, Some(&plain)).unwrap().doubts, []);
+            assert_eq!(read(1, Some(&plain)).unwrap().warnings, []);
         }
         let error = read(1, Some(&item("OFFSET", "offset", "1000"))).unwrap_err();
         assert!(error.to_string().contains("offset of 1000"), "{error}");

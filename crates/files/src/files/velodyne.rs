@@ -1,11 +1,11 @@
 //! Laser scans as KITTI and nuScenes store them: float32 records without a header.
 
-use super::Visit;
+use super::PointVisitor;
 use crate::error::{Error, Result};
 use std::path::Path;
 
 /// Visits every point: x, y, z, intensity, and in nuScenes' `.pcd.bin` the number of the ring.
-pub(super) fn read_velodyne(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
+pub(super) fn read_velodyne(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let with_ring = path
         .file_stem()

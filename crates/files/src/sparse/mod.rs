@@ -7,15 +7,15 @@ pub use depths::Sparse;
 
 use super::columns::meaning;
 use super::depth_kind::along_axis;
-use super::files::{CLOUDS, Columns, Row, Table, has_ending, read_cloud};
+use super::file_unit::FileUnit;
+use super::files::{CLOUDS, ColumnMeaning, PointTable, has_ending, read_cloud};
 use super::grid::{is_plausible, pixel, rescaled, same_shape};
-use super::known_unit::KnownUnit;
-use super::stored::{Stored, StoredMap, endings, read_stored};
-use super::{Camera, DepthKind, Orientation, StoredAs, Unit, View};
-use crate::doubts::{Known, Numbers, leave_out_marks};
+use super::stored::{DepthFile, StoredMap, endings, read_depth_file};
+use super::{Camera, DepthKind, DepthReadOptions, Orientation, Unit, View};
+use crate::checks::{NumberFormat, NumberType, leave_out_marks};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
-use points::Points;
+use points::SparseBuilder;
 use std::path::Path;
 
 impl Sparse {
@@ -55,7 +55,7 @@ impl Sparse {
     /// As [`Self::read`]; distances along the ray without a camera.
     pub fn read_as(
         path: &Path,
-        how: StoredAs,
+        options: DepthReadOptions,
         camera: Option<&Camera>,
         image: impl Into<Orientation>,
     ) -> Result<Self> {
@@ -65,24 +65,24 @@ impl Sparse {
         let camera = camera.map(|camera| camera.resized(size)).transpose()?;
         let camera = camera.as_ref();
         if CLOUDS.into_iter().any(|ending| has_ending(path, ending)) {
-            let known = KnownUnit::new(how.unit, Numbers::Floats);
-            let mut points = Points::new(size);
-            let seeing = seeing(path, camera)?;
+            let known = FileUnit::new(options.unit, NumberType::Floats);
+            let mut points = SparseBuilder::new(size);
+            let camera = require_camera(path, camera)?;
             let metres = known.unit.metres();
             read_cloud(path, &mut |point| {
-                points.project(seeing, point, metres, None);
+                points.project(camera, point, metres, None);
             })?;
             return cloud(path, points, known);
         }
         let sizes = [size, image.stored()];
-        match read_stored(path, how, |array| is_table(array, &sizes))? {
-            Stored::Map(map) => Self::of_map(path, map, &image)?.of_kind(how.kind, camera),
-            Stored::Table(table, known) => {
+        match read_depth_file(path, options, |array| is_table(array, &sizes))? {
+            DepthFile::Map(map) => Self::of_map(path, map, &image)?.of_kind(options.kind, camera),
+            DepthFile::Table(table, known) => {
                 let columns = meaning(path, &table, camera, size, known.unit.metres())?;
-                if columns == Columns::Space {
-                    Self::of_space(path, &table, seeing(path, camera)?, known, size)
+                if columns == ColumnMeaning::Space {
+                    Self::of_space(path, &table, require_camera(path, camera)?, known, size)
                 } else {
-                    Self::of_pixels(path, &table, known, &image)?.of_kind(how.kind, camera)
+                    Self::of_pixels(path, &table, known, &image)?.of_kind(options.kind, camera)
                 }
             }
         }
@@ -106,29 +106,18 @@ impl Sparse {
             return Err(Error::shape(what)
                 .hint("give the images that the model was made of, neither cut nor undistorted"));
         }
-        let shown = if as_stored {
-            image.stored()
-        } else {
-            image.upright()
-        };
         let unit = unit.unwrap_or(Unit::MODEL);
-        let mut points = Points::new(image.upright());
+        let mut points = SparseBuilder::new(image.upright());
         for (number, point) in view.keypoints().iter().enumerate() {
-            let mut place = [
-                rescaled(point.u, view.size.0, shown.0),
-                rescaled(point.v, view.size.1, shown.1),
-            ];
-            if as_stored {
-                place = image.turned(place);
-            }
+            let position = in_image([point.u, point.v], view.size, &image, !as_stored);
             let [depth, sigma] = [point.depth, point.sigma].map(|v| v * unit.metres());
-            points.add(place, depth, Some(sigma), number);
+            points.add(position, depth, Some(sigma), number);
         }
         points.ignored += view.ignored;
         if points.found.is_empty() {
-            return Err(points.none(Path::new(&view.name), "keypoints"));
+            return Err(points.no_points(Path::new(&view.name), "keypoints"));
         }
-        let mut found = points.sparse(unit, false, "keypoint");
+        let mut found = points.build(unit, false, "keypoint");
         found.remarks.extend(view.remarks.iter().cloned());
         Ok(found)
     }
@@ -145,12 +134,12 @@ impl Sparse {
     ) -> Result<Self> {
         check(size)?;
         let camera = camera.resized(size)?;
-        let mut points = Points::new(size);
+        let mut points = SparseBuilder::new(size);
         for point in cloud {
             points.project(&camera, point, 1.0, None);
         }
         let metres = Some(Unit::METRE);
-        self::cloud(name, points, KnownUnit::new(metres, Numbers::Floats))
+        self::cloud(name, points, FileUnit::new(metres, NumberType::Floats))
     }
 
     /// The depths of a map of an image's shape. `name` is what the map is called.
@@ -168,7 +157,7 @@ impl Sparse {
     /// A file that is missing, damaged, or no map of this shape.
     pub fn with_sigma(self, path: &Path, image: impl Into<Orientation>) -> Result<Self> {
         let image = image.into();
-        let Stored::Map(map) = read_stored(path, Some(self.unit).into(), |_| false)? else {
+        let DepthFile::Map(map) = read_depth_file(path, Some(self.unit).into(), |_| false)? else {
             return Err(Error::format(path, "is a table").hint("standard deviations are a map"));
         };
         let map = map.depth;
@@ -177,26 +166,26 @@ impl Sparse {
         if !upright && !same_shape(own, image.stored()) {
             return Err(other_shape(path, own, &image));
         }
-        let shown = if upright {
+        let shown_size = if upright {
             image.upright()
         } else {
             image.stored()
         };
-        let mut points = Points::with_room(self.size, self.points.len());
+        let mut points = SparseBuilder::with_capacity(self.size, self.points.len());
         for (number, point) in self.points.iter().enumerate() {
-            let mut place = [point.u, point.v];
+            let mut position = [point.u, point.v];
             if !upright {
-                place = image.turned_back(place);
+                position = image.turned_back(position);
             }
-            let place = [
-                rescaled(place[0], shown.0, own.0),
-                rescaled(place[1], shown.1, own.1),
+            let position = [
+                rescaled(position[0], shown_size.0, own.0),
+                rescaled(position[1], shown_size.1, own.1),
             ];
-            let sigma = pixel(place, own).map_or(0.0, |i| map.values()[i]);
+            let sigma = pixel(position, own).map_or(0.0, |i| map.values()[i]);
             let depth = f64::from(point.depth);
             points.add([point.u, point.v], depth, Some(f64::from(sigma)), number);
         }
-        let found = points.sparse(self.unit, self.guessed, "point");
+        let found = points.build(self.unit, self.guessed, "point");
         Ok(Self {
             ignored: self.ignored + found.ignored,
             outside: self.outside,
@@ -214,25 +203,18 @@ impl Sparse {
         if !upright && !as_stored {
             return Err(other_shape(path, own, image));
         }
-        let mut points = Points::with_room(size, depth.count());
+        let mut points = SparseBuilder::with_capacity(size, depth.count());
         points.ignored = depth.ignored();
-        let shown = if upright { size } else { image.stored() };
         for point in depth.points() {
-            let mut place = [
-                rescaled(point.x as f64, own.0, shown.0),
-                rescaled(point.y as f64, own.1, shown.1),
-            ];
-            if !upright {
-                place = image.turned(place);
-            }
+            let position = in_image([point.x as f64, point.y as f64], own, image, upright);
             let sigma = map
                 .sigma
                 .as_ref()
                 .map(|map| f64::from(map.at(point.x, point.y)));
             let number = point.y * own.0 + point.x;
-            points.add(place, f64::from(point.depth), sigma, number);
+            points.add(position, f64::from(point.depth), sigma, number);
         }
-        let mut found = points.sparse(map.unit, map.guessed, "pixel");
+        let mut found = points.build(map.unit, map.guessed, "pixel");
         found.remarks.extend(map.remarks);
         if !image.is_upright() {
             found.remarks.push(if upright {
@@ -249,41 +231,30 @@ impl Sparse {
 
     fn of_pixels(
         path: &Path,
-        table: &Table,
-        known: KnownUnit,
+        table: &PointTable,
+        known: FileUnit,
         image: &Orientation,
     ) -> Result<Self> {
         let metres = known.unit.metres();
-        let mut points = Points::with_room(image.upright(), table.rows.len());
+        let mut points = SparseBuilder::with_capacity(image.upright(), table.rows.len());
         let mut depths: Vec<f32> = table.rows.iter().map(|row| row.values[2] as f32).collect();
-        let marks = Known {
-            numbers: Numbers::Floats,
+        let marks = NumberFormat {
+            numbers: NumberType::Floats,
             metres,
             declared: None,
         };
         let marks = leave_out_marks(&mut depths, &marks);
-        for (
-            Row {
-                number,
-                values: [u, v, depth],
-                fourth,
-            },
-            kept,
-        ) in table.rows.iter().zip(&depths)
-        {
-            let depth = if kept.is_nan() { f64::NAN } else { *depth };
-            points.add(
-                [*u, *v],
-                depth * metres,
-                fourth.map(|sigma| sigma * metres),
-                *number,
-            );
+        for (row, checked) in table.rows.iter().zip(&depths) {
+            let [u, v, depth] = row.values;
+            let depth = if checked.is_nan() { f64::NAN } else { depth };
+            let sigma = row.fourth.map(|sigma| sigma * metres);
+            points.add([u, v], depth * metres, sigma, row.number);
         }
         if points.found.is_empty() {
-            let error = points.none(path, "points");
+            let error = points.no_points(path, "points");
             return Err(error.hint("columns are u, v, depth: u to the right, v down, in pixels"));
         }
-        let mut found = points.sparse(known.unit, known.is_guessed(), table.row);
+        let mut found = points.build(known.unit, known.is_guessed(), table.row);
         found.remarks.extend(marks.iter().map(ToString::to_string));
         found.check_unit(known);
         found.remarks.extend(found.doubtful_places());
@@ -337,15 +308,15 @@ impl Sparse {
 
     fn of_space(
         path: &Path,
-        table: &Table,
+        table: &PointTable,
         camera: &Camera,
-        known: KnownUnit,
+        known: FileUnit,
         size: (usize, usize),
     ) -> Result<Self> {
         // Without names a fourth column is an intensity or a colour.
-        let with_sigma = table.columns == Columns::Space;
+        let with_sigma = table.columns == ColumnMeaning::Space;
         let metres = known.unit.metres();
-        let mut points = Points::new(size);
+        let mut points = SparseBuilder::new(size);
         for row in &table.rows {
             let sigma = row
                 .fourth
@@ -361,29 +332,52 @@ impl Sparse {
         Ok(found)
     }
 
-    /// Doubts a unit that leads to implausible depths: it is then a guess.
-    fn check_unit(&mut self, known: KnownUnit) {
-        let doubt = known.doubt(self.points.iter().map(|point| point.depth).collect());
-        self.guessed |= doubt.is_some();
-        self.remarks.extend(doubt);
+    /// Adds a warning if a unit leads to implausible depths: it is then a guess.
+    fn check_unit(&mut self, known: FileUnit) {
+        let warning = known.warning(self.points.iter().map(|point| point.depth).collect());
+        self.guessed |= warning.is_some();
+        self.remarks.extend(warning);
+    }
+}
+
+/// The position in the upright image of a position on a grid of another size, which shows the image upright or as stored.
+fn in_image(
+    [u, v]: [f64; 2],
+    grid: (usize, usize),
+    image: &Orientation,
+    upright: bool,
+) -> [f64; 2] {
+    let shown_size = if upright {
+        image.upright()
+    } else {
+        image.stored()
+    };
+    let position = [
+        rescaled(u, grid.0, shown_size.0),
+        rescaled(v, grid.1, shown_size.1),
+    ];
+    if upright {
+        position
+    } else {
+        image.turned(position)
     }
 }
 
 /// What the camera sees of a cloud.
-fn cloud(path: &Path, points: Points, known: KnownUnit) -> Result<Sparse> {
+fn cloud(path: &Path, points: SparseBuilder, known: FileUnit) -> Result<Sparse> {
     if points.found.is_empty() {
-        return Err(points.none(path, "points").hint(
+        return Err(points.no_points(path, "points").hint(
             "check the camera: its pose leads from the cloud's axes to x right, y down, z forwards, in \
              metres",
         ));
     }
-    let mut found = points.sparse(known.unit, known.is_guessed(), "point");
+    let mut found = points.build(known.unit, known.is_guessed(), "point");
     found.check_unit(known);
     Ok(found)
 }
 
 /// The camera that a cloud needs.
-fn seeing<'a>(path: &Path, camera: Option<&'a Camera>) -> Result<&'a Camera> {
+fn require_camera<'a>(path: &Path, camera: Option<&'a Camera>) -> Result<&'a Camera> {
     camera.ok_or_else(|| {
         Error::format(path, "is a point cloud; pass --camera to project it").hint(
             "give --camera FILE, or --camera FX,FY,CX,CY; columns of pixels are called u, v, depth",

@@ -1,4 +1,4 @@
-//! Points on their way into an image.
+//! Collects the points of an image.
 
 use super::depths::Sparse;
 use crate::error::Error;
@@ -8,8 +8,9 @@ use lsdc_core::Observation;
 use lsdc_core::cloud::retain_visible;
 use std::path::Path;
 
-/// Points on their way into an image, and what is left out.
-pub(super) struct Points {
+/// Collects the points of an image, and counts those that are left out.
+#[derive(Default)]
+pub(super) struct SparseBuilder {
     size: (usize, usize),
     pub(super) found: Vec<Observation>,
     all: usize,
@@ -22,51 +23,45 @@ pub(super) struct Points {
     is_cloud: bool,
 }
 
-impl Points {
-    /// Into an image of this width and height.
+impl SparseBuilder {
+    /// For an image of this width and height.
     pub(super) fn new(size: (usize, usize)) -> Self {
         Self {
             size,
-            found: Vec::new(),
-            all: 0,
-            ignored: 0,
-            outside: 0,
-            unknown_sigmas: 0,
-            first_unknown: 0,
-            is_cloud: false,
+            ..Self::default()
         }
     }
 
-    /// The same with room for so many.
-    pub(super) fn with_room(size: (usize, usize), count: usize) -> Self {
+    /// As [`Self::new`], with room for so many points.
+    pub(super) fn with_capacity(size: (usize, usize), count: usize) -> Self {
         Self {
             found: Vec::with_capacity(count),
             ..Self::new(size)
         }
     }
 
-    /// Takes in the point of that number: its place (u, v), depth and standard deviation in metres.
+    /// Adds the point of that number in the file: its position (u, v), depth and standard deviation in metres.
     pub(super) fn add(&mut self, [u, v]: [f64; 2], depth: f64, sigma: Option<f64>, number: usize) {
-        let sound = |value: f32| value > 0.0 && value.is_finite();
+        let is_positive = |value: f32| value > 0.0 && value.is_finite();
         let (depth, sigma) = (depth as f32, sigma.map(|sigma| sigma as f32));
         self.all += 1;
-        if !sound(depth) {
+        if !is_positive(depth) {
             self.ignored += 1;
         } else if pixel([u, v], self.size).is_none() {
             self.outside += 1;
         } else {
-            if !sigma.is_none_or(sound) {
+            if !sigma.is_none_or(is_positive) {
                 if self.unknown_sigmas == 0 {
                     self.first_unknown = number;
                 }
                 self.unknown_sigmas += 1;
             }
-            let sigma = sigma.filter(|sigma| sound(*sigma));
+            let sigma = sigma.filter(|sigma| is_positive(*sigma));
             self.found.push(Observation { u, v, depth, sigma });
         }
     }
 
-    /// Takes in a point of a cloud, in stored units.
+    /// Projects a point of a cloud, in stored units, and adds it.
     pub(super) fn project(
         &mut self,
         camera: &Camera,
@@ -81,16 +76,16 @@ impl Points {
             self.ignored += 1;
             return;
         }
-        if let Some((place, depth)) = camera.project(point.map(|v| v * metres)) {
-            self.add(place, depth, sigma, number);
+        if let Some((position, depth)) = camera.project(point.map(|v| v * metres)) {
+            self.add(position, depth, sigma, number);
         } else {
             self.all += 1;
             self.outside += 1;
         }
     }
 
-    /// What is left; `row` is what a point is called in the file.
-    pub(super) fn sparse(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
+    /// The points without hidden ones; `row` is what a point is called in the file.
+    pub(super) fn build(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
         let hidden = retain_visible(&mut self.found, self.size, self.is_cloud);
         let remark = (self.unknown_sigmas > 0).then(|| {
             format!(
@@ -111,8 +106,8 @@ impl Points {
         }
     }
 
-    /// That nothing is left.
-    pub(super) fn none(&self, path: &Path, points: &str) -> Error {
+    /// The error if no point is left.
+    pub(super) fn no_points(&self, path: &Path, points: &str) -> Error {
         let (all, (width, height)) = (self.all, self.size);
         Error::format(
             path,

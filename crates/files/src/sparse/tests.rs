@@ -1,5 +1,5 @@
 use super::*;
-use crate::Colored;
+use crate::ColoredPoint;
 use crate::{Colmap, DepthMap, write_exr, write_npy, write_npz, write_pfm, write_ply, write_tiff};
 
 const SIZE: (usize, usize) = (4, 3);
@@ -109,11 +109,11 @@ fn distances_along_the_ray_become_depths_with_a_camera() {
     let camera = Camera::pinhole([3.0, 4.0], [1.5, 1.0]);
     let length =
         |u: f64, v: f64| (1.0 + ((u - 1.5) / 3.0).powi(2) + ((v - 1.0) / 4.0).powi(2)).sqrt();
-    let place = |i: usize| ((i % 4) as f64, (i / 4) as f64);
-    let values = (0..12).map(|i| (2.0 * length(place(i).0, place(i).1)) as f32);
+    let position = |i: usize| ((i % 4) as f64, (i / 4) as f64);
+    let values = (0..12).map(|i| (2.0 * length(position(i).0, position(i).1)) as f32);
     let path = folder.path().join("frame.0000.depth_meters.npy");
     write_npy(&path, &DepthMap::new(4, 3, values.collect()).unwrap()).unwrap();
-    let how = |kind| StoredAs { unit: None, kind };
+    let how = |kind| DepthReadOptions { unit: None, kind };
     let found = Sparse::read_as(&path, how(Some(DepthKind::Ray)), Some(&camera), SIZE).unwrap();
     assert!(
         found
@@ -201,10 +201,10 @@ fn a_smaller_map_lies_where_the_centres_of_its_pixels_are() {
         }
         // As a map it is biased to no side either.
         let map = found.map().unwrap();
-        let off = map
+        let deviation = map
             .points()
             .map(|p| f64::from(p.depth) - plane(p.x as f64, p.y as f64));
-        let bias = off.sum::<f64>() / map.count() as f64;
+        let bias = deviation.sum::<f64>() / map.count() as f64;
         assert!(bias.abs() < 1e-6, "{factor}: {bias}");
     }
 }
@@ -283,8 +283,8 @@ fn tables_of_x_y_z_are_clouds() {
     std::fs::write(at("scan.bin"), bytes).unwrap();
     let array = DepthMap::new(4, 200, floats.iter().map(|v| v + 10.0).collect()).unwrap();
     write_npy(&at("four.npy"), &array).unwrap();
-    let colored = cloud.iter().map(|&place| Colored {
-        place,
+    let colored = cloud.iter().map(|&position| ColoredPoint {
+        position,
         color: [0; 3],
         sigma: None,
     });
@@ -294,10 +294,10 @@ fn tables_of_x_y_z_are_clouds() {
     assert!(expected.points.len() > 150);
     for point in &expected.points {
         let seen = |[x, y, z]: &[f64; 3]| {
-            let place = [100.0 * x / z + 99.5, 100.0 * y / z + 79.5];
-            let off = (place[0] - point.u).hypot(place[1] - point.v);
+            let position = [100.0 * x / z + 99.5, 100.0 * y / z + 79.5];
+            let deviation = (position[0] - point.u).hypot(position[1] - point.v);
             // Coordinates of 32 bits.
-            off < 1e-4 && (*z as f32) == point.depth
+            deviation < 1e-4 && (*z as f32) == point.depth
         };
         assert!(cloud.iter().any(seen), "{point:?}");
     }
@@ -349,13 +349,13 @@ fn keypoints_of_colmap_are_turned_with_the_image() {
         assert_eq!((found.size, found.unit), (image.upright(), Unit::MODEL));
         // The camera of the view agrees: it sees x = (3 - 3.5) / 10 z there.
         let camera = view.camera_of(&image, None).unwrap().unwrap();
-        let (place, depth) = camera.project([-0.25, -0.75, 5.0]).unwrap();
+        let (position, depth) = camera.project([-0.25, -0.75, 5.0]).unwrap();
         assert!(
-            (place[0] - u).abs() + (place[1] - v).abs() < 1e-9,
-            "{exif} {place:?}"
+            (position[0] - u).abs() + (position[1] - v).abs() < 1e-9,
+            "{exif} {position:?}"
         );
         assert_eq!(depth, 5.0);
-        let [x, y, z] = camera.unproject(place, 5.0).unwrap();
+        let [x, y, z] = camera.unproject(position, 5.0).unwrap();
         assert!((x + 0.25).abs() + (y + 0.75).abs() + (z - 5.0).abs() < 1e-9);
     }
     // At half the size, and in millimetres.

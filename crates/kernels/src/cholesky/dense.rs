@@ -1,18 +1,18 @@
 //! One matrix at a time.
 
-use super::{PAD, is_size, panel_rows};
+use super::{PAD, block_columns, is_size, panel_rows};
 use crate::simd::{Doubles, Kernel, Level, Vector};
 
 /// A matrix stored column by column, its columns `stride` values apart.
 #[derive(Clone, Copy, Debug)]
-pub struct Block<'a> {
+pub struct MatrixBlock<'a> {
     /// The values, from the first one of the block on.
     pub values: &'a [f64],
     /// From a column to the next.
     pub stride: usize,
 }
 
-impl Block<'_> {
+impl MatrixBlock<'_> {
     /// The rows from one on.
     ///
     /// # Panics
@@ -23,13 +23,13 @@ impl Block<'_> {
         Self { values, ..self }
     }
 
-    fn holds(&self, rows: usize, columns: usize) -> bool {
-        holds(self.values.len(), self.stride, rows, columns)
+    fn fits(&self, rows: usize, columns: usize) -> bool {
+        fits(self.values.len(), self.stride, rows, columns)
     }
 }
 
 /// Whether a block of so many rows and columns lies within `length` values.
-fn holds(length: usize, stride: usize, rows: usize, columns: usize) -> bool {
+fn fits(length: usize, stride: usize, rows: usize, columns: usize) -> bool {
     let last = columns.saturating_sub(1).checked_mul(stride);
     rows == 0 || columns == 0 || {
         let end = last.and_then(|last| last.checked_add(rows));
@@ -37,56 +37,59 @@ fn holds(length: usize, stride: usize, rows: usize, columns: usize) -> bool {
     }
 }
 
-/// Replaces the first `columns` columns of a matrix by those of its Cholesky factor, and subtracts from `rest`,
-/// `[kept, kept]`, what that leaves of it. The panel is `[columns + kept, columns]`. False if a pivot is not
-/// positive and finite; panel and rest are then of no use. An empty `rest` is not asked for.
+/// Replaces the first `columns` columns of a matrix, the panel `[columns + below, columns]`, by those of its Cholesky
+/// factor, and subtracts `L_B L_B'` from `update`, `[below, below]`, unless that is empty. False if a pivot is not
+/// positive and finite; the values of both are then undefined.
 ///
 /// # Panics
-/// If lengths do not match, or `kept` is no multiple of [`PAD`].
-pub fn factorise(level: Level, panel: &mut [f64], columns: usize, rest: &mut [f64]) -> bool {
+/// If lengths do not match, or the number of rows below is no multiple of [`PAD`].
+pub fn factorise(level: Level, panel: &mut [f64], columns: usize, update: &mut [f64]) -> bool {
     if columns == 0 {
         return true;
     }
-    let [rows, kept] = panel_rows(panel.len(), columns, PAD);
-    assert!(rest.is_empty() || is_size(rest.len(), kept, kept), "rest");
+    let [rows, below] = panel_rows(panel.len(), columns, PAD);
+    assert!(
+        update.is_empty() || is_size(update.len(), below, below),
+        "update"
+    );
     let kernel = Factorise {
         panel,
         rows,
         columns,
-        rest,
-        kept,
+        update,
+        below,
     };
     // SAFETY: the assertions hold what the kernel relies on.
     unsafe { level.run(kernel) }
 }
 
 /// Further rows of a matrix whose factor is known: replaces `extra`, `[count, columns]`, by `extra L_A'^-1`, and
-/// subtracts its product with `L_B` from `rest`, `[count, kept]`. The panel is that of [`factorise`].
+/// subtracts its product with `L_B` from `update`, `[count, below]`. The panel is that of [`factorise`].
 ///
 /// # Panics
-/// If lengths do not match, or `kept` or `count` is no multiple of [`PAD`].
+/// If lengths do not match, or the number of rows below or `count` is no multiple of [`PAD`].
 pub fn solve_rows(
     level: Level,
     panel: &[f64],
     columns: usize,
     extra: &mut [f64],
-    rest: &mut [f64],
+    update: &mut [f64],
 ) {
     if columns == 0 {
         return;
     }
-    let [rows, kept] = panel_rows(panel.len(), columns, PAD);
+    let [rows, below] = panel_rows(panel.len(), columns, PAD);
     let count = extra.len() / columns;
     assert!(is_size(extra.len(), count, columns), "extra");
     assert!(count.is_multiple_of(PAD), "further rows");
-    assert!(is_size(rest.len(), count, kept), "rest");
+    assert!(is_size(update.len(), count, below), "update");
     let kernel = SolveRows {
         panel,
         rows,
         columns,
         extra,
         count,
-        rest,
+        update,
     };
     // SAFETY: the assertions hold what the kernel relies on.
     unsafe { level.run(kernel) }
@@ -101,13 +104,13 @@ pub fn subtract_product(
     level: Level,
     (target, stride): (&mut [f64], usize),
     [rows, columns, depth]: [usize; 3],
-    left: Block<'_>,
-    right: Block<'_>,
+    left: MatrixBlock<'_>,
+    right: MatrixBlock<'_>,
 ) {
     assert!(rows.is_multiple_of(PAD) && columns.is_multiple_of(PAD));
-    assert!(holds(target.len(), stride, rows, columns), "target");
-    assert!(left.holds(rows, depth), "left");
-    assert!(right.holds(columns, depth), "right");
+    assert!(fits(target.len(), stride, rows, columns), "target");
+    assert!(left.fits(rows, depth), "left");
+    assert!(right.fits(columns, depth), "right");
     if rows == 0 || columns == 0 {
         return;
     }
@@ -132,9 +135,11 @@ struct Columns {
 }
 
 impl Columns {
-    unsafe fn below(self, rows: usize) -> Self {
+    /// The part from a row and column on.
+    #[inline(always)]
+    unsafe fn part(self, row: usize, column: usize) -> Self {
         // SAFETY: as demanded from the caller.
-        let at = unsafe { self.at.add(rows) };
+        let at = unsafe { self.at.add(column * self.stride + row) };
         Self { at, ..self }
     }
 }
@@ -196,7 +201,7 @@ unsafe fn strip<D: Doubles>(
         } else {
             bands::<D, 4>(target, stride, a, b, depth, rows);
             let target = target.add(4 * stride);
-            bands::<D, 4>(target, stride, a, b.below(4), depth, rows);
+            bands::<D, 4>(target, stride, a, b.part(4, 0), depth, rows);
         }
     }
 }
@@ -214,15 +219,15 @@ unsafe fn bands<D: Doubles, const C: usize>(
     // SAFETY: as demanded from the caller.
     unsafe {
         while rows - row >= 3 * D::LANES {
-            tile::<D, 3, C>(target.add(row), stride, a.below(row), b, depth);
+            tile::<D, 3, C>(target.add(row), stride, a.part(row, 0), b, depth);
             row += 3 * D::LANES;
         }
         while rows - row >= 2 * D::LANES {
-            tile::<D, 2, C>(target.add(row), stride, a.below(row), b, depth);
+            tile::<D, 2, C>(target.add(row), stride, a.part(row, 0), b, depth);
             row += 2 * D::LANES;
         }
         while rows - row >= D::LANES {
-            tile::<D, 1, C>(target.add(row), stride, a.below(row), b, depth);
+            tile::<D, 1, C>(target.add(row), stride, a.part(row, 0), b, depth);
             row += D::LANES;
         }
     }
@@ -240,16 +245,16 @@ unsafe fn solve_few<D: Doubles>(
     for row in (0..count).step_by(D::LANES) {
         // SAFETY: as demanded from the caller.
         unsafe {
-            let mut known = [D::splat(0.0); PAD];
+            let mut solved = [D::splat(0.0); PAD];
             for (q, scale) in inverse.iter().enumerate() {
                 let at = rows.add(q * stride + row);
                 let mut value = D::load(at);
-                for (d, known) in known.iter().enumerate().take(q) {
+                for (d, solved) in solved.iter().enumerate().take(q) {
                     let factor = *triangle.at.add(d * triangle.stride + q);
-                    value = value.less_product(*known, D::splat(factor));
+                    value = value.less_product(*solved, D::splat(factor));
                 }
-                known[q] = value.mul(D::splat(*scale));
-                known[q].store(at);
+                solved[q] = value.mul(D::splat(*scale));
+                solved[q].store(at);
             }
         }
     }
@@ -259,8 +264,8 @@ struct Factorise<'a> {
     panel: &'a mut [f64],
     rows: usize,
     columns: usize,
-    rest: &'a mut [f64],
-    kept: usize,
+    update: &'a mut [f64],
+    below: usize,
 }
 
 impl Kernel for Factorise<'_> {
@@ -271,25 +276,22 @@ impl Kernel for Factorise<'_> {
         let Self {
             rows,
             columns,
-            kept,
+            below,
             ..
         } = self;
         let panel = self.panel.as_mut_ptr();
-        // SAFETY: the caller checked all lengths. The first columns are those that are left over, so that rows
-        // below the others come in whole vectors.
+        let factor = Columns {
+            at: panel,
+            stride: rows,
+        };
+        // SAFETY: the caller checked all lengths.
         unsafe {
             let mut first = 0;
             while first < columns {
-                let count = match columns % PAD {
-                    left if first == 0 && left > 0 => left,
-                    _ => PAD,
-                };
+                let count = block_columns(first, columns, PAD);
                 let own = panel.add(first * rows + first);
-                let before = Columns {
-                    at: panel.add(first),
-                    stride: rows,
-                };
                 if first > 0 {
+                    let before = factor.part(first, 0);
                     strip::<V::Doubles>(own, rows, before, before, first, rows - first);
                 }
                 let mut inverse = [0.0; PAD];
@@ -310,24 +312,18 @@ impl Kernel for Factorise<'_> {
                         }
                     }
                 }
-                let triangle = Columns {
-                    at: own,
-                    stride: rows,
-                };
-                let below = rows - first - count;
+                let triangle = factor.part(first, first);
+                let remaining = rows - first - count;
                 let inverse = &inverse[..count];
-                solve_few::<V::Doubles>(own.add(count), rows, below, triangle, inverse);
+                solve_few::<V::Doubles>(own.add(count), rows, remaining, triangle, inverse);
                 first += count;
             }
-            let kept = if self.rest.is_empty() { 0 } else { kept };
-            let rest = self.rest.as_mut_ptr();
-            for column in (0..kept).step_by(PAD) {
-                let below = Columns {
-                    at: panel.add(columns + column),
-                    stride: rows,
-                };
-                let target = rest.add(column * kept + column);
-                strip::<V::Doubles>(target, kept, below, below, columns, kept - column);
+            let below = if self.update.is_empty() { 0 } else { below };
+            let update = self.update.as_mut_ptr();
+            for column in (0..below).step_by(PAD) {
+                let factor = factor.part(columns + column, 0);
+                let target = update.add(column * below + column);
+                strip::<V::Doubles>(target, below, factor, factor, columns, below - column);
             }
         }
         true
@@ -340,7 +336,7 @@ struct SolveRows<'a> {
     columns: usize,
     extra: &'a mut [f64],
     count: usize,
-    rest: &'a mut [f64],
+    update: &'a mut [f64],
 }
 
 impl Kernel for SolveRows<'_> {
@@ -354,31 +350,26 @@ impl Kernel for SolveRows<'_> {
             count,
             ..
         } = self;
-        let (panel, extra) = (self.panel.as_ptr(), self.extra.as_mut_ptr());
+        let extra = self.extra.as_mut_ptr();
+        let factor = Columns {
+            at: self.panel.as_ptr(),
+            stride: rows,
+        };
+        let solved = Columns {
+            at: extra,
+            stride: count,
+        };
         // SAFETY: the caller checked all lengths.
         unsafe {
-            let known = Columns {
-                at: extra,
-                stride: count,
-            };
             let mut first = 0;
             while first < columns {
-                let few = match columns % PAD {
-                    left if first == 0 && left > 0 => left,
-                    _ => PAD,
-                };
+                let few = block_columns(first, columns, PAD);
                 let target = extra.add(first * count);
-                let factor = Columns {
-                    at: panel.add(first),
-                    stride: rows,
-                };
                 if first > 0 {
-                    strip::<V::Doubles>(target, count, known, factor, first, count);
+                    let before = factor.part(first, 0);
+                    strip::<V::Doubles>(target, count, solved, before, first, count);
                 }
-                let triangle = Columns {
-                    at: panel.add(first * rows + first),
-                    stride: rows,
-                };
+                let triangle = factor.part(first, first);
                 let mut inverse = [0.0; PAD];
                 for (q, inverse) in inverse.iter_mut().enumerate().take(few) {
                     *inverse = (*triangle.at.add(q * rows + q)).recip();
@@ -386,14 +377,11 @@ impl Kernel for SolveRows<'_> {
                 solve_few::<V::Doubles>(target, count, count, triangle, &inverse[..few]);
                 first += few;
             }
-            let rest = self.rest.as_mut_ptr();
+            let update = self.update.as_mut_ptr();
             for column in (0..rows - columns).step_by(PAD) {
-                let factor = Columns {
-                    at: panel.add(columns + column),
-                    stride: rows,
-                };
-                let target = rest.add(column * count);
-                strip::<V::Doubles>(target, count, known, factor, columns, count);
+                let below = factor.part(columns + column, 0);
+                let target = update.add(column * count);
+                strip::<V::Doubles>(target, count, solved, below, columns, count);
             }
         }
     }
@@ -405,8 +393,8 @@ struct SubtractProduct<'a> {
     rows: usize,
     columns: usize,
     depth: usize,
-    left: Block<'a>,
-    right: Block<'a>,
+    left: MatrixBlock<'a>,
+    right: MatrixBlock<'a>,
 }
 
 impl Kernel for SubtractProduct<'_> {
@@ -414,7 +402,7 @@ impl Kernel for SubtractProduct<'_> {
 
     #[inline(always)]
     unsafe fn run<V: Vector>(self) {
-        let matrix = |block: Block<'_>| Columns {
+        let matrix = |block: MatrixBlock<'_>| Columns {
             at: block.values.as_ptr(),
             stride: block.stride,
         };
@@ -423,7 +411,7 @@ impl Kernel for SubtractProduct<'_> {
             // SAFETY: the caller checked all lengths.
             unsafe {
                 let target = self.target.as_mut_ptr().add(column * self.stride);
-                let right = right.below(column);
+                let right = right.part(column, 0);
                 strip::<V::Doubles>(target, self.stride, left, right, self.depth, self.rows);
             }
         }

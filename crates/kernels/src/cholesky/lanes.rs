@@ -1,46 +1,46 @@
 //! Eight small matrices of one shape at a time, one in each lane.
 
-use super::{is_size, panel_rows};
+use super::{block_columns, is_size, panel_rows};
 use crate::simd::{Doubles, Kernel, Level, Vector};
 
 /// The same element of eight matrices.
-pub type Eight = [f64; 8];
+pub type F64x8 = [f64; 8];
 
 /// Rows below the square block come in multiples of this.
-const TOGETHER: usize = 4;
+const TILE: usize = 4;
 
-/// [`super::factorise`] of eight matrices at once; here `kept` is a multiple of 4.
+/// [`super::factorise`] of eight matrices at once; here the number of rows below is a multiple of 4.
 ///
 /// # Panics
-/// If lengths do not match, or `kept` is no multiple of 4.
+/// If lengths do not match, or the number of rows below is no multiple of 4.
 pub fn factorise_eight(
     level: Level,
-    panel: &mut [Eight],
+    panel: &mut [F64x8],
     columns: usize,
-    rest: &mut [Eight],
+    update: &mut [F64x8],
 ) -> bool {
     if columns == 0 {
         return true;
     }
-    let [rows, kept] = panel_rows(panel.len(), columns, TOGETHER);
-    assert!(is_size(rest.len(), kept, kept), "rest");
+    let [rows, below] = panel_rows(panel.len(), columns, TILE);
+    assert!(is_size(update.len(), below, below), "update");
     let kernel = FactoriseEight {
         panel,
         rows,
         columns,
-        rest,
-        kept,
+        update,
+        below,
     };
     // SAFETY: the assertions hold what the kernel relies on.
     unsafe { level.run(kernel) }
 }
 
 struct FactoriseEight<'a> {
-    panel: &'a mut [Eight],
+    panel: &'a mut [F64x8],
     rows: usize,
     columns: usize,
-    rest: &'a mut [Eight],
-    kept: usize,
+    update: &'a mut [F64x8],
+    below: usize,
 }
 
 impl Kernel for FactoriseEight<'_> {
@@ -54,15 +54,15 @@ impl Kernel for FactoriseEight<'_> {
             // SAFETY: the caller checked all lengths; a vector of either size is within its eight values.
             positive &= unsafe {
                 let panel = self.panel.as_mut_ptr().cast::<f64>().add(first);
-                let rest = self.rest.as_mut_ptr().cast::<f64>().add(first);
-                partial::<V::Doubles>(panel, self.rows, self.columns, rest, self.kept)
+                let update = self.update.as_mut_ptr().cast::<f64>().add(first);
+                partial::<V::Doubles>(panel, self.rows, self.columns, update, self.below)
             };
         }
         positive
     }
 }
 
-/// From an element to the next.
+/// Values from an element of a matrix to the next one.
 const STEP: usize = 8;
 
 /// `target -= a b'` for `R` rows and 4 columns.
@@ -77,7 +77,7 @@ unsafe fn tile<D: Doubles, const R: usize>(
 ) {
     // SAFETY: as demanded from the caller.
     unsafe {
-        let mut sums = [[D::splat(0.0); R]; TOGETHER];
+        let mut sums = [[D::splat(0.0); R]; TILE];
         for (q, column) in sums.iter_mut().enumerate() {
             for (r, sum) in column.iter_mut().enumerate() {
                 *sum = D::load(target.add((q * stride + r) * STEP));
@@ -103,7 +103,7 @@ unsafe fn tile<D: Doubles, const R: usize>(
     }
 }
 
-/// Four columns from a row on, as many rows as the registers take at once.
+/// Four columns of `target -= a b'` from a row on, in tiles of as many rows as fit the registers.
 #[inline(always)]
 unsafe fn strip<D: Doubles>(
     target: *mut f64,
@@ -113,7 +113,7 @@ unsafe fn strip<D: Doubles>(
     depth: usize,
     count: usize,
 ) {
-    for row in (0..count).step_by(TOGETHER) {
+    for row in (0..count).step_by(TILE) {
         // SAFETY: as demanded from the caller.
         unsafe {
             let (target, a) = (target.add(row * STEP), a.add(row * STEP));
@@ -128,7 +128,7 @@ unsafe fn strip<D: Doubles>(
     }
 }
 
-/// The factor of the first `C` columns, of which no others are subtracted any more; false if a pivot is not positive.
+/// The factor of the first `C` columns, from which all columns before are subtracted; false if a pivot is not positive.
 #[inline(always)]
 unsafe fn columns_of<D: Doubles, const C: usize>(own: *mut f64, rows: usize, count: usize) -> bool {
     // SAFETY: as demanded from the caller.
@@ -159,33 +159,18 @@ unsafe fn columns_of<D: Doubles, const C: usize>(own: *mut f64, rows: usize, cou
             }
         }
         for i in C..count {
-            let mut known = [D::splat(0.0); C];
+            let mut solved = [D::splat(0.0); C];
             for q in 0..C {
                 let mut value = D::load(at(i, q));
-                for (known, factor) in known[..q].iter().zip(&triangle[q][..q]) {
-                    value = value.less_product(*known, *factor);
+                for (solved, factor) in solved[..q].iter().zip(&triangle[q][..q]) {
+                    value = value.less_product(*solved, *factor);
                 }
-                known[q] = value.mul(inverse[q]);
-                known[q].store(at(i, q));
+                solved[q] = value.mul(inverse[q]);
+                solved[q].store(at(i, q));
             }
         }
     }
     true
-}
-
-/// Subtracts the product of a column of the factor with its first value.
-#[inline(always)]
-unsafe fn subtract_column<D: Doubles>(target: *mut f64, column: *const f64, count: usize) {
-    // SAFETY: as demanded from the caller.
-    unsafe {
-        let factor = D::load(column);
-        for i in 0..count {
-            let at = target.add(i * STEP);
-            D::load(at)
-                .less_product(D::load(column.add(i * STEP)), factor)
-                .store(at);
-        }
-    }
 }
 
 #[inline(always)]
@@ -193,45 +178,34 @@ unsafe fn partial<D: Doubles>(
     panel: *mut f64,
     rows: usize,
     columns: usize,
-    rest: *mut f64,
-    kept: usize,
+    update: *mut f64,
+    below: usize,
 ) -> bool {
-    // SAFETY: as demanded from the caller. The first columns are those that are left over, so that rows below
-    // the others come in fours.
+    // SAFETY: as demanded from the caller.
     unsafe {
         let mut first = 0;
         while first < columns {
-            let count = match columns % TOGETHER {
-                left if first == 0 && left > 0 => left,
-                _ => TOGETHER,
-            };
+            let count = block_columns(first, columns, TILE);
             let own = panel.add((first * rows + first) * STEP);
             if first > 0 {
                 let before: *const f64 = panel.add(first * STEP);
                 strip::<D>(own, rows, [before; 2], rows, first, rows - first);
             }
-            let found = if count == TOGETHER {
-                columns_of::<D, TOGETHER>(own, rows, rows - first)
-            } else {
-                // At most three, once.
-                (0..count).all(|q| {
-                    let column = own.add(q * (rows + 1) * STEP);
-                    for d in 0..q {
-                        let before = own.add((d * rows + q) * STEP);
-                        subtract_column::<D>(column, before, rows - first - q);
-                    }
-                    columns_of::<D, 1>(column, rows, rows - first - q)
-                })
+            let is_positive = match count {
+                1 => columns_of::<D, 1>(own, rows, rows - first),
+                2 => columns_of::<D, 2>(own, rows, rows - first),
+                3 => columns_of::<D, 3>(own, rows, rows - first),
+                _ => columns_of::<D, TILE>(own, rows, rows - first),
             };
-            if !found {
+            if !is_positive {
                 return false;
             }
             first += count;
         }
-        for column in (0..kept).step_by(TOGETHER) {
-            let below: *const f64 = panel.add((columns + column) * STEP);
-            let target = rest.add((column * kept + column) * STEP);
-            strip::<D>(target, kept, [below; 2], rows, columns, kept - column);
+        for column in (0..below).step_by(TILE) {
+            let factor: *const f64 = panel.add((columns + column) * STEP);
+            let target = update.add((column * below + column) * STEP);
+            strip::<D>(target, below, [factor; 2], rows, columns, below - column);
         }
     }
     true

@@ -3,8 +3,8 @@
 //! > `[ A  B' ]`
 //! > `[ B  C  ]`
 //!
-//! the columns of the factor `L = [L_A; L_B]` with `L_A L_A' = A` and `L_B = B L_A'^-1`, and the Schur
-//! complement `C - L_B L_B'`. Matrices are stored column by column; of symmetric ones, the lower half counts.
+//! the columns of the factor `L = [L_A; L_B]` with `L_A L_A' = A` and `L_B = B L_A'^-1`, and the update matrix,
+//! the Schur complement `C - L_B L_B'`. Matrices are stored column by column; of symmetric ones, the lower half counts.
 //! The numbers of rows below A are multiples of [`PAD`]; what pads them is 0.
 
 mod dense;
@@ -12,8 +12,8 @@ mod lanes;
 #[cfg(test)]
 mod tests;
 
-pub use dense::{Block, factorise, solve_rows, subtract_product};
-pub use lanes::{Eight, factorise_eight};
+pub use dense::{MatrixBlock, factorise, solve_rows, subtract_product};
+pub use lanes::{F64x8, factorise_eight};
 
 /// Rows below the square block come in multiples of this.
 pub const PAD: usize = 8;
@@ -25,9 +25,19 @@ pub const PAD: usize = 8;
 fn panel_rows(length: usize, columns: usize, pad: usize) -> [usize; 2] {
     let rows = length / columns;
     assert!(is_size(length, rows, columns), "panel");
-    let kept = rows.checked_sub(columns).expect("rows of the panel");
-    assert!(kept.is_multiple_of(pad), "rows below the square block");
-    [rows, kept]
+    let below = rows.checked_sub(columns).expect("rows of the panel");
+    assert!(below.is_multiple_of(pad), "rows below the square block");
+    [rows, below]
+}
+
+/// The columns of the block that begins at `first`. The first block has the columns that are left over, so that the rows
+/// below the others come in multiples of `size`.
+#[inline(always)]
+fn block_columns(first: usize, columns: usize, size: usize) -> usize {
+    match columns % size {
+        left if first == 0 && left > 0 => left,
+        _ => size,
+    }
 }
 
 /// Whether a matrix of this size has so many values.

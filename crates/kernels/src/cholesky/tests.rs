@@ -37,15 +37,11 @@ fn reference(matrix: &[f64], size: usize, columns: usize) -> Vec<f64> {
     all
 }
 
-/// The panel and the rest of a matrix.
+/// The panel and the update matrix of a matrix.
 fn split(matrix: &[f64], size: usize, columns: usize) -> (Vec<f64>, Vec<f64>) {
-    let (panel, right) = matrix.split_at(size * columns);
-    let rest = right.chunks(size).flat_map(|c| &c[columns..]).copied();
-    (panel.to_vec(), rest.collect())
-}
-
-fn levels() -> impl Iterator<Item = Level> {
-    Level::ALL.into_iter().filter(|level| level.is_available())
+    let (panel, others) = matrix.split_at(size * columns);
+    let update = others.chunks(size).flat_map(|c| &c[columns..]).copied();
+    (panel.to_vec(), update.collect())
 }
 
 /// Lower halves agree: `found [size, columns]` beside columns of the reference from a row and column on.
@@ -63,40 +59,40 @@ fn assert_lower(found: &[f64], rows: usize, all: &[f64], size: usize, first: usi
 
 #[test]
 fn factors_are_those_of_the_textbook() {
-    for (columns, kept, padding) in [(1, 0, 0), (5, 8, 3), (8, 16, 0), (19, 40, 5), (64, 72, 7)] {
-        let size = columns + kept;
+    for (columns, below, padding) in [(1, 0, 0), (5, 8, 3), (8, 16, 0), (19, 40, 5), (64, 72, 7)] {
+        let size = columns + below;
         let matrix = example(size, padding, size as u64);
         let all = reference(&matrix, size, columns);
-        for level in levels() {
-            let (mut panel, mut rest) = split(&matrix, size, columns);
-            assert!(factorise(level, &mut panel, columns, &mut rest));
+        for level in Level::available() {
+            let (mut panel, mut update) = split(&matrix, size, columns);
+            assert!(factorise(level, &mut panel, columns, &mut update));
             assert_lower(&panel, size, &all, size, 0);
-            assert_lower(&rest, kept.max(1), &all, size, columns);
+            assert_lower(&update, below.max(1), &all, size, columns);
         }
     }
 }
 
 #[test]
 fn eight_factors_are_those_of_each() {
-    for (columns, kept) in [(1, 0), (3, 8), (9, 12), (7, 28)] {
-        let size = columns + kept;
+    for (columns, below) in [(1, 0), (3, 8), (9, 12), (7, 28)] {
+        let size = columns + below;
         let matrices: Vec<_> = (0..8).map(|lane| example(size, 0, lane)).collect();
         let parts: Vec<_> = matrices.iter().map(|m| split(m, size, columns)).collect();
-        let gather = |part: &dyn Fn(usize) -> Vec<f64>| -> Vec<Eight> {
+        let gather = |part: &dyn Fn(usize) -> Vec<f64>| -> Vec<F64x8> {
             let lanes: Vec<_> = (0..8).map(part).collect();
             (0..lanes[0].len())
                 .map(|i| std::array::from_fn(|lane| lanes[lane][i]))
                 .collect()
         };
-        for level in levels() {
+        for level in Level::available() {
             let mut panel = gather(&|lane| parts[lane].0.clone());
-            let mut rest = gather(&|lane| parts[lane].1.clone());
-            assert!(factorise_eight(level, &mut panel, columns, &mut rest));
+            let mut update = gather(&|lane| parts[lane].1.clone());
+            assert!(factorise_eight(level, &mut panel, columns, &mut update));
             for (lane, matrix) in matrices.iter().enumerate() {
                 let all = reference(matrix, size, columns);
-                let own = |list: &[Eight]| -> Vec<f64> { list.iter().map(|v| v[lane]).collect() };
+                let own = |list: &[F64x8]| -> Vec<f64> { list.iter().map(|v| v[lane]).collect() };
                 assert_lower(&own(&panel), size, &all, size, 0);
-                assert_lower(&own(&rest), kept.max(1), &all, size, columns);
+                assert_lower(&own(&update), below.max(1), &all, size, columns);
             }
         }
     }
@@ -104,12 +100,12 @@ fn eight_factors_are_those_of_each() {
 
 #[test]
 fn further_rows_are_those_of_the_larger_matrix() {
-    for (columns, kept, count) in [(3, 8, 8), (21, 24, 40), (40, 0, 16)] {
-        let inner = columns + kept;
+    for (columns, below, count) in [(3, 8, 8), (21, 24, 40), (40, 0, 16)] {
+        let inner = columns + below;
         let size = inner + count;
         let matrix = example(size, 0, size as u64);
         let all = reference(&matrix, size, columns);
-        for level in levels() {
+        for level in Level::available() {
             let part = |first: usize, rows: usize, columns: std::ops::Range<usize>| -> Vec<f64> {
                 let columns = matrix.chunks(size).take(columns.end).skip(columns.start);
                 columns
@@ -117,13 +113,13 @@ fn further_rows_are_those_of_the_larger_matrix() {
                     .copied()
                     .collect()
             };
-            let (mut panel, mut rest) = (part(0, inner, 0..columns), vec![0.0; kept * kept]);
-            assert!(factorise(level, &mut panel, columns, &mut rest));
+            let (mut panel, mut update) = (part(0, inner, 0..columns), vec![0.0; below * below]);
+            assert!(factorise(level, &mut panel, columns, &mut update));
             let mut extra = part(inner, count, 0..columns);
-            let mut below = part(inner, count, columns..inner);
+            let mut lower = part(inner, count, columns..inner);
             let mut square = part(inner, count, inner..size);
-            solve_rows(level, &panel, columns, &mut extra, &mut below);
-            let rows = Block {
+            solve_rows(level, &panel, columns, &mut extra, &mut lower);
+            let rows = MatrixBlock {
                 values: &extra,
                 stride: count,
             };
@@ -134,7 +130,7 @@ fn further_rows_are_those_of_the_larger_matrix() {
                 rows,
                 rows,
             );
-            for (list, first) in [(&extra, 0), (&below, columns)] {
+            for (list, first) in [(&extra, 0), (&lower, columns)] {
                 for (j, column) in list.chunks(count).enumerate() {
                     for (i, value) in column.iter().enumerate() {
                         let expected = all[(first + j) * size + inner + i];
@@ -149,12 +145,12 @@ fn further_rows_are_those_of_the_larger_matrix() {
 
 #[test]
 fn what_is_not_positive_definite_is_refused() {
-    for level in levels() {
+    for level in Level::available() {
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let mut panel = example(9, 0, 1);
             panel[4 * 9 + 4] = bad;
             assert!(!factorise(level, &mut panel, 9, &mut []), "{bad}");
-            let mut eight: Vec<Eight> = example(9, 0, 1).into_iter().map(|v| [v; 8]).collect();
+            let mut eight: Vec<F64x8> = example(9, 0, 1).into_iter().map(|v| [v; 8]).collect();
             eight[4 * 9 + 4][6] = bad;
             assert!(!factorise_eight(level, &mut eight, 9, &mut []), "{bad}");
         }
@@ -178,7 +174,7 @@ fn lengths_that_do_not_go_together_are_refused() {
     assert!(panics(&|| {
         solve_rows(level, &[1.0; 9], 1, &mut [0.0; 8], &mut [0.0; 63]);
     }));
-    let block = |values| Block { values, stride: 8 };
+    let block = |values| MatrixBlock { values, stride: 8 };
     assert!(panics(&|| {
         let short = block(&[0.0; 15]);
         subtract_product(level, (&mut [0.0; 64], 8), [8, 8, 2], short, short);

@@ -1,19 +1,20 @@
-//! Convolution of each channel alone, and its gradients. There are so few products for each value read that memory is the
-//! limit, so that plain sums over the taps do.
+//! Convolution of each channel alone, and its gradients, as plain sums over the taps: with so few products for each
+//! value that is read, memory is the bottleneck.
 //!
 //! Work is cut into the same pieces and summed in the same order whatever the number of threads.
 
+use super::layer::transposed;
 use super::shape::Shape;
 use crate::schedule::InTasks;
 use crate::simd::{Kernel, Level, Shared, Tail, Unset, Vector, written};
 use rayon::prelude::*;
 
-/// Sums of weight gradients that run side by side, at most.
+/// The most parallel partial sums of weight gradients.
 const PARTS: usize = 8;
-/// Places of a line with the same taps that are summed together: a weight is then loaded for all of them.
+/// Places of a line with the same taps that are summed together, so that each weight is loaded once for them.
 const BLOCK: usize = 4;
 
-/// Weights at rest, with a bias.
+/// Prepared weights, with a bias.
 #[derive(Clone, Debug)]
 pub(super) struct Filter {
     level: Level,
@@ -26,39 +27,28 @@ impl Filter {
     /// From weights `[channels, 1, taps, taps]`; an empty bias is 0.
     pub(super) fn new(level: Level, weights: &[f32], channels: usize, bias: &[f32]) -> Self {
         let area = weights.len() / channels.max(1);
-        let mut turned = vec![0.0; weights.len()];
-        for (c, taps) in weights.chunks_exact(area.max(1)).enumerate() {
-            for (t, tap) in taps.iter().enumerate() {
-                turned[t * channels + c] = *tap;
-            }
-        }
         let mut bias = bias.to_vec();
         bias.resize(channels, 0.0);
         Self {
             level,
-            weights: turned,
+            weights: transposed(weights, channels, area),
             bias,
         }
     }
 
     /// `output [batch, height', width', channels]` from `x [batch, height, width, channels]`; sets every float.
     pub(super) fn write(&self, x: &[f32], shape: &Shape, tail: Tail<'_>, output: &mut Unset) {
-        let (height, width) = shape.out();
         let from = [shape.height, shape.width];
-        let reach = [
-            Reach::new(shape, shape.height, height),
-            Reach::new(shape, shape.width, width),
-        ];
-        self.gather(x, from, shape, &reach, tail, output);
+        self.gather(x, from, shape, &AxisTaps::both(shape), tail, output);
     }
 
-    /// Sums over the taps that `reach` has for rows and columns, of images of `from` rows and columns.
+    /// Sums over the taps of rows and columns, of images of `from` rows and columns.
     fn gather(
         &self,
         x: &[f32],
         from: [usize; 2],
         shape: &Shape,
-        [rows, columns]: &[Reach; 2],
+        [rows, columns]: &[AxisTaps; 2],
         tail: Tail<'_>,
         output: &mut Unset,
     ) {
@@ -91,31 +81,24 @@ pub(super) fn input_gradient(
     grad: &[f32],
     shape: &Shape,
 ) -> Vec<f32> {
-    let (height, width) = shape.out();
-    let reach = [
-        Reach::new(shape, shape.height, height).transposed(shape.height),
-        Reach::new(shape, shape.width, width).transposed(shape.width),
+    let from: [usize; 2] = shape.out().into();
+    let [rows, columns] = AxisTaps::both(shape);
+    let taps = [
+        rows.transposed(shape.height),
+        columns.transposed(shape.width),
     ];
     let filter = Filter::new(level, weights, shape.channels, &[]);
-    let length = shape.size().iter().product::<usize>() * shape.channels;
     let tail = Tail::default();
+    let write = |x: &mut Unset| filter.gather(grad, from, shape, &taps, tail, x);
     // SAFETY: `gather` sets every float.
-    unsafe {
-        written(length, |x| {
-            filter.gather(grad, [height, width], shape, &reach, tail, x);
-        })
-    }
+    unsafe { written(shape.input_len(), write) }
 }
 
 /// The gradient of the weights `[channels, 1, taps, taps]` from that of the output.
 pub(super) fn weight_gradient(level: Level, x: &[f32], grad: &[f32], shape: &Shape) -> Vec<f32> {
-    let (height, width) = shape.out();
-    let reach = [
-        Reach::new(shape, shape.height, height),
-        Reach::new(shape, shape.width, width),
-    ];
+    let taps = AxisTaps::both(shape);
     let (channels, area) = (shape.channels, shape.taps * shape.taps);
-    let rows = shape.batch * height;
+    let rows = shape.batch * shape.out().0;
     let part = rows.div_ceil(PARTS).max(1);
     let starts: Vec<usize> = (0..rows).step_by(part).collect();
     let sum = |&start: &usize| {
@@ -124,7 +107,7 @@ pub(super) fn weight_gradient(level: Level, x: &[f32], grad: &[f32], shape: &Sha
             x,
             grad,
             shape,
-            reach: &reach,
+            taps: &taps,
             lines: start..(start + part).min(rows),
             sums: Shared::new(&mut sums),
         };
@@ -133,41 +116,46 @@ pub(super) fn weight_gradient(level: Level, x: &[f32], grad: &[f32], shape: &Sha
         sums
     };
     let parts: Vec<Vec<f32>> = starts.par_iter().map(sum).collect();
-    let mut total = vec![0.0; channels * area];
+    let mut total = vec![0.0; area * channels];
     for sums in parts {
-        for (t, row) in sums.chunks_exact(channels).enumerate() {
-            for (c, value) in row.iter().enumerate() {
-                total[c * area + t] += value;
-            }
-        }
+        total.iter_mut().zip(sums).for_each(|(t, s)| *t += s);
     }
-    total
+    transposed(&total, area, channels)
 }
 
-/// Along one axis: the taps that meet the source, and where in it, for each place of the result.
-struct Reach {
+/// Along one axis, the taps that lie inside the source, and their places in it, for each place of the result.
+struct AxisTaps {
     /// Taps and places.
     pairs: Vec<(usize, usize)>,
     /// Where the pairs of each place end.
     ends: Vec<usize>,
-    /// Of each place, whether the next ones of its [`BLOCK`] have the same taps.
-    alike: Vec<bool>,
+    /// For each place, whether the next ones of its [`BLOCK`] have the same taps.
+    same_taps: Vec<bool>,
 }
 
-impl Reach {
-    /// Of the outputs, `to` many, in an input of length `from`.
+impl AxisTaps {
+    /// Those of rows and of columns.
+    fn both(shape: &Shape) -> [Self; 2] {
+        let (height, width) = shape.out();
+        [
+            Self::new(shape, shape.height, height),
+            Self::new(shape, shape.width, width),
+        ]
+    }
+
+    /// For `to` outputs of an input of length `from`.
     fn new(shape: &Shape, from: usize, to: usize) -> Self {
         let spec = shape.spec;
         let of = |i: usize| {
             let place =
                 |tap: usize| (i * spec.stride + tap * spec.dilation).checked_sub(spec.padding);
-            let met = |tap| Some((tap, place(tap).filter(|p| *p < from)?));
-            (0..shape.taps).filter_map(met).collect()
+            let inside = |tap| Some((tap, place(tap).filter(|p| *p < from)?));
+            (0..shape.taps).filter_map(inside).collect()
         };
         Self::of_lists((0..to).map(of).collect())
     }
 
-    /// Of the inputs, `to` many, in the outputs.
+    /// For `to` inputs, the places in the outputs.
     fn transposed(&self, to: usize) -> Self {
         let mut lists = vec![vec![]; to];
         for i in 0..self.len() {
@@ -180,7 +168,7 @@ impl Reach {
 
     fn of_lists(lists: Vec<Vec<(usize, usize)>>) -> Self {
         let taps = |list: &Vec<(usize, usize)>| list.iter().map(|p| p.0).collect::<Vec<_>>();
-        let alike = |i: usize| {
+        let same_taps = |i: usize| {
             let block = lists.get(i..i + BLOCK);
             block.is_some_and(|block| block.iter().all(|list| taps(list) == taps(&block[0])))
         };
@@ -189,7 +177,7 @@ impl Reach {
             Some(*end)
         });
         Self {
-            alike: (0..lists.len()).map(alike).collect(),
+            same_taps: (0..lists.len()).map(same_taps).collect(),
             ends: ends.collect(),
             pairs: lists.concat(),
         }
@@ -210,7 +198,7 @@ impl Reach {
     fn in_blocks(&self, mut several: impl FnMut(usize), mut one: impl FnMut(usize)) {
         let mut at = 0;
         while at < self.len() {
-            if self.alike[at] {
+            if self.same_taps[at] {
                 several(at);
                 at += BLOCK;
             } else {
@@ -229,7 +217,7 @@ struct Gather<'a> {
     width: usize,
     taps: usize,
     rows: &'a [(usize, usize)],
-    columns: &'a Reach,
+    columns: &'a AxisTaps,
     tail: Tail<'a>,
     output: Shared<'a>,
 }
@@ -290,7 +278,7 @@ struct Correlate<'a> {
     x: &'a [f32],
     grad: &'a [f32],
     shape: &'a Shape,
-    reach: &'a [Reach; 2],
+    taps: &'a [AxisTaps; 2],
     lines: std::ops::Range<usize>,
     sums: Shared<'a>,
 }
@@ -302,7 +290,7 @@ impl Kernel for Correlate<'_> {
     unsafe fn run<V: Vector>(self) {
         for line in self.lines.clone() {
             // SAFETY: as demanded from the caller.
-            self.reach[1].in_blocks(
+            self.taps[1].in_blocks(
                 #[inline(always)]
                 |at| unsafe { self.places::<V, BLOCK>(line, at) },
                 #[inline(always)]
@@ -319,7 +307,7 @@ impl Correlate<'_> {
     /// As for `Vector`; places lie in the images, taps in the sums.
     #[inline(always)]
     unsafe fn places<V: Vector, const N: usize>(&self, line: usize, at: usize) {
-        let [rows, columns] = self.reach;
+        let [rows, columns] = self.taps;
         let (channels, taps) = (self.shape.channels, self.shape.taps);
         let image = line / rows.len() * self.shape.height;
         let lists: [&[(usize, usize)]; N] = std::array::from_fn(|j| columns.of(at + j));

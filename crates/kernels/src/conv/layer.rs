@@ -1,4 +1,4 @@
-//! A convolution with weights at rest, and the gradients of one: the algorithm that suits its
+//! A convolution with prepared weights, and the gradients of a convolution, each by the algorithm that suits its
 //! shape.
 
 use super::shape::Shape;
@@ -10,17 +10,15 @@ use rayon::prelude::*;
 /// A convolution whose weights are prepared for the kernels, with a bias.
 #[derive(Clone, Debug)]
 pub struct Layer {
-    channels: usize,
-    outputs: usize,
-    taps: usize,
-    spec: ConvSpec,
-    weights: Prepared,
+    /// For an image of one pixel.
+    shape: Shape,
+    weights: Weights,
 }
 
 #[derive(Clone, Debug)]
-enum Prepared {
-    Alone(depthwise::Filter),
-    Spectrum(Filter),
+enum Weights {
+    Depthwise(depthwise::Filter),
+    Winograd(Filter),
     Matrix(Packed),
 }
 
@@ -52,24 +50,18 @@ impl Layer {
         shape.check();
         let area = taps * taps;
         let weights = if spec.depthwise {
-            Prepared::Alone(depthwise::Filter::new(level, weights, channels, bias))
+            Weights::Depthwise(depthwise::Filter::new(level, weights, channels, bias))
         } else if shape.is_winograd() {
-            let turned = transposed(weights, outputs, channels * area);
+            let weights = transposed(weights, outputs, channels * area);
             let sizes = (channels, outputs);
-            Prepared::Spectrum(Filter::new(level, &turned, sizes, spec.dilation, bias))
+            Weights::Winograd(Filter::new(level, &weights, sizes, spec.dilation, bias))
         } else {
             let at = |row: usize, o: usize| {
                 weights[(o * channels + row % channels) * area + row / channels]
             };
-            Prepared::Matrix(Packed::new(level, (shape.depth(), outputs), bias, at))
+            Weights::Matrix(Packed::new(level, (shape.depth(), outputs), bias, at))
         };
-        Self {
-            channels,
-            outputs,
-            taps,
-            spec,
-            weights,
-        }
+        Self { shape, weights }
     }
 
     /// The sizes for a batch of images `[batch, height, width]`.
@@ -78,10 +70,7 @@ impl Layer {
             batch,
             height,
             width,
-            channels: self.channels,
-            outputs: self.outputs,
-            taps: self.taps,
-            spec: self.spec,
+            ..self.shape
         }
     }
 
@@ -113,13 +102,10 @@ impl Layer {
         tail: Tail<'_>,
         scratch: &Scratch,
     ) -> Vec<f32> {
-        let length = self.shape(size).out_pixels() * self.outputs;
+        let length = self.shape(size).output_len();
+        let write = |output: &mut Unset| self.write(x, size, tail, scratch, output);
         // SAFETY: `write` sets every float.
-        unsafe {
-            written(length, |output| {
-                self.write(x, size, tail, scratch, output);
-            })
-        }
+        unsafe { written(length, write) }
     }
 
     /// `apply`, which sets every float of the output.
@@ -132,17 +118,14 @@ impl Layer {
         output: &mut Unset,
     ) {
         let shape = self.shape(size);
-        let outputs = shape.out_pixels() * self.outputs;
-        let inputs = size.iter().product::<usize>() * self.channels;
-        assert_eq!(x.len(), inputs, "input");
+        let outputs = shape.output_len();
+        assert_eq!(x.len(), shape.input_len(), "input");
         assert_eq!(output.len(), outputs, "output");
         assert!(tail.skip.is_none_or(|skip| skip.len() == outputs), "skip");
         match &self.weights {
-            Prepared::Alone(filter) => filter.write(x, &shape, tail, output),
-            Prepared::Spectrum(filter) => filter.write(x, size, tail, scratch, output),
-            Prepared::Matrix(matrix) => {
-                unfold::forward(x, matrix, &shape, tail, scratch, output);
-            }
+            Weights::Depthwise(filter) => filter.write(x, &shape, tail, output),
+            Weights::Winograd(filter) => filter.write(x, size, tail, scratch, output),
+            Weights::Matrix(matrix) => unfold::forward(x, matrix, &shape, tail, scratch, output),
         }
     }
 }
@@ -162,22 +145,18 @@ pub fn input_gradient(
     shape.check();
     let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
     assert_eq!(weights.len(), outputs * shape.depth(), "weights");
-    assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
+    assert_eq!(grad.len(), shape.output_len(), "gradient");
     if shape.spec.depthwise {
         return depthwise::input_gradient(level, weights, grad, shape);
     }
     if shape.is_winograd() {
-        let turned = reversed(weights, channels);
+        let adjoint = reversed(weights, channels);
         let dilation = shape.spec.dilation;
-        let filter = Filter::new(level, &turned, (outputs, channels), dilation, &[]);
-        let length = shape.size().iter().product::<usize>() * channels;
+        let filter = Filter::new(level, &adjoint, (outputs, channels), dilation, &[]);
         let tail = Tail::default();
+        let write = |x: &mut Unset| filter.write(grad, shape.size(), tail, scratch, x);
         // SAFETY: `write` sets every float.
-        return unsafe {
-            written(length, |x| {
-                filter.write(grad, shape.size(), tail, scratch, x);
-            })
-        };
+        return unsafe { written(shape.input_len(), write) };
     }
     let at = |o: usize, column: usize| {
         weights[(o * channels + column % channels) * area + column / channels]
@@ -199,12 +178,8 @@ pub fn weight_gradient(
 ) -> Vec<f32> {
     shape.check();
     let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
-    assert_eq!(
-        x.len(),
-        shape.size().iter().product::<usize>() * channels,
-        "input"
-    );
-    assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
+    assert_eq!(x.len(), shape.input_len(), "input");
+    assert_eq!(grad.len(), shape.output_len(), "gradient");
     if grad.is_empty() {
         return vec![0.0; outputs * shape.depth()];
     }
@@ -212,9 +187,7 @@ pub fn weight_gradient(
         return depthwise::weight_gradient(level, x, grad, shape);
     }
     if shape.is_winograd() {
-        let (sizes, dilation) = ((channels, outputs), shape.spec.dilation);
-        let gradient =
-            winograd::weight_gradient(level, x, grad, shape.size(), sizes, dilation, scratch);
+        let gradient = winograd::weight_gradient(level, x, grad, shape, scratch);
         return transposed(&gradient, channels * area, outputs);
     }
     let gradient = unfold::weight_gradient(level, x, grad, shape, scratch);
@@ -229,7 +202,7 @@ pub fn weight_gradient(
 }
 
 /// `[rows, columns]` to `[columns, rows]`.
-fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
+pub(super) fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
     /// A cache line of each row.
     const BLOCK: usize = 16;
     let mut target = vec![0.0; values.len()];

@@ -37,19 +37,15 @@ impl ConvSpec {
     pub fn halving() -> Self {
         Self {
             stride: 2,
-            padding: 1,
-            dilation: 1,
-            depthwise: false,
+            ..Self::same(1)
         }
     }
 
     /// 1x1.
     pub fn pointwise() -> Self {
         Self {
-            stride: 1,
             padding: 0,
-            dilation: 1,
-            depthwise: false,
+            ..Self::same(1)
         }
     }
 
@@ -58,8 +54,8 @@ impl ConvSpec {
         Self {
             stride,
             padding: taps / 2,
-            dilation: 1,
             depthwise: true,
+            ..Self::same(1)
         }
     }
 
@@ -68,6 +64,6 @@ impl ConvSpec {
         let reach = self.dilation * (taps - 1) + 1;
         (length + 2 * self.padding)
             .checked_sub(reach)
-            .map_or(0, |room| room / self.stride + 1)
+            .map_or(0, |steps| steps / self.stride + 1)
     }
 }

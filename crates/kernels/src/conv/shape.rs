@@ -22,7 +22,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// What every kernel relies on.
+    /// Checks the sizes that every kernel relies on.
     pub(super) fn check(&self) {
         let ConvSpec {
             stride,
@@ -56,6 +56,16 @@ impl Shape {
     /// Pixels of all outputs.
     pub fn out_pixels(&self) -> usize {
         self.batch * self.out().0 * self.out().1
+    }
+
+    /// Values of the input.
+    pub(super) fn input_len(&self) -> usize {
+        self.batch * self.height * self.width * self.channels
+    }
+
+    /// Values of the output.
+    pub(super) fn output_len(&self) -> usize {
+        self.out_pixels() * self.outputs
     }
 
     /// Inputs of one output: taps x channels.

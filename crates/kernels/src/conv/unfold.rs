@@ -33,8 +33,8 @@ impl Shape {
         })
     }
 
-    /// Calls `visit(columns, source)` for runs of the unfolded row of an output pixel, and where in
-    /// the input the run starts, if it is inside. Taps side by side make one run.
+    /// Calls `visit(columns, source)` for runs of the unfolded row of an output pixel, with the start of the run in
+    /// the input if it is inside. Adjacent taps make one run.
     fn runs_of(
         &self,
         [image, y, x]: [usize; 3],
@@ -133,36 +133,32 @@ pub(super) fn input_gradient(
 ) -> Vec<f32> {
     let image = shape.height * shape.width * shape.channels;
     if shape.is_pointwise() {
-        let tail = Tail::default();
+        let write = |x: &mut Unset| transposed.write_parallel(grad, Tail::default(), x);
         // SAFETY: `write_parallel` sets every float.
-        return unsafe {
-            written(shape.batch * image, |x| {
-                transposed.write_parallel(grad, tail, x);
-            })
-        };
+        return unsafe { written(shape.input_len(), write) };
     }
-    let mut x = vec![0.0; shape.batch * image];
+    let mut x = vec![0.0; shape.input_len()];
     let pixels = shape.out().0 * shape.out().1;
     // Neighbouring outputs share inputs, so that a whole image is one task.
     x.par_chunks_mut(image.max(1))
         .enumerate()
         .for_each(|(b, image)| {
-            let alone = Shape { batch: 1, ..*shape };
+            let one = Shape { batch: 1, ..*shape };
             for first in (0..pixels).step_by(PIXELS) {
                 let count = PIXELS.min(pixels - first);
                 let grad = &grad[(b * pixels + first) * shape.outputs..][..count * shape.outputs];
                 scratch.with(count * shape.depth(), |rows| {
                     transposed.apply(grad, Tail::default(), rows);
-                    alone.fold(rows, first, image);
+                    one.fold(rows, first, image);
                 });
             }
         });
     x
 }
 
-/// Sums that run side by side, at most.
+/// The most parallel partial sums.
 const PARTS: usize = 8;
-/// Pixels between two visits to a sum: a panel of their gradients fits first-level caches.
+/// Pixels whose products are added to a sum at once: a panel of their gradients fits first-level caches.
 const BLOCK: usize = 84;
 
 /// The gradient of the weights, `[depth, outputs]`.
@@ -177,9 +173,9 @@ pub(super) fn weight_gradient(
     let pixels = shape.out_pixels();
     let width = level.panel(outputs);
     let padded = outputs.next_multiple_of(width);
-    // A convolution of one tap has its unfolded rows in memory, and whole panels need no padding.
-    let own = if shape.is_pointwise() { 0 } else { depth };
-    let own_grads = if padded == outputs { 0 } else { padded };
+    // A convolution of one tap reads its rows from the input, and whole panels need no padding.
+    let unfolded = if shape.is_pointwise() { 0 } else { depth };
+    let padding = if padded == outputs { 0 } else { padded };
     let part = pixels.div_ceil(PARTS).next_multiple_of(BLOCK);
     let starts: Vec<usize> = (0..pixels).step_by(part.max(1)).collect();
     let sums: Vec<Vec<f32>> = starts
@@ -189,8 +185,8 @@ pub(super) fn weight_gradient(
             let end = (start + part).min(pixels);
             for first in (start..end).step_by(BLOCK) {
                 let count = BLOCK.min(end - first);
-                scratch.with(count * (own + own_grads), |memory| {
-                    let (padding, rows) = memory.split_at_mut(count * own_grads);
+                scratch.with(count * (unfolded + padding), |memory| {
+                    let (padded_grads, rows) = memory.split_at_mut(count * padding);
                     let rows = if shape.is_pointwise() {
                         &x[first * depth..][..count * depth]
                     } else {
@@ -198,11 +194,11 @@ pub(super) fn weight_gradient(
                         rows
                     };
                     let grads = &grad[first * outputs..][..count * outputs];
-                    let grads = if own_grads == 0 {
+                    let grads = if padding == 0 {
                         grads
                     } else {
-                        pad(grads, outputs, padding, padded);
-                        padding
+                        pad(grads, outputs, padded_grads, padded);
+                        padded_grads
                     };
                     let kernel = Correlate {
                         rows,

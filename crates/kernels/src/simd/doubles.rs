@@ -22,42 +22,22 @@ pub(crate) trait Doubles: Copy {
 #[derive(Clone, Copy)]
 pub(crate) struct PortableDoubles([f64; 4]);
 
-// SAFETY (of every function): as demanded from the caller.
 impl Doubles for PortableDoubles {
     const LANES: usize = 4;
 
-    #[inline(always)]
-    unsafe fn load(from: *const f64) -> Self {
-        Self(unsafe { from.cast::<[f64; 4]>().read_unaligned() })
-    }
-
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f64) {
-        unsafe { to.cast::<[f64; 4]>().write_unaligned(self.0) }
-    }
-
-    #[inline(always)]
-    unsafe fn splat(value: f64) -> Self {
-        Self([value; 4])
-    }
-
-    #[inline(always)]
-    unsafe fn mul(self, other: Self) -> Self {
-        Self(std::array::from_fn(|i| self.0[i] * other.0[i]))
-    }
-
-    #[inline(always)]
-    unsafe fn div(self, other: Self) -> Self {
-        Self(std::array::from_fn(|i| self.0[i] / other.0[i]))
-    }
-
-    #[inline(always)]
-    unsafe fn sqrt(self) -> Self {
-        Self(self.0.map(f64::sqrt))
-    }
-
-    #[inline(always)]
-    unsafe fn less_product(self, a: Self, b: Self) -> Self {
-        Self(std::array::from_fn(|i| self.0[i] - a.0[i] * b.0[i]))
+    inlined! {
+        fn load(from: *const f64) -> Self { Self(from.cast::<[f64; 4]>().read_unaligned()) }
+        fn store(self, to: *mut f64) { to.cast::<[f64; 4]>().write_unaligned(self.0); }
+        fn splat(value: f64) -> Self { Self([value; 4]) }
+        fn mul(self, other: Self) -> Self {
+            Self(std::array::from_fn(|i| self.0[i] * other.0[i]))
+        }
+        fn div(self, other: Self) -> Self {
+            Self(std::array::from_fn(|i| self.0[i] / other.0[i]))
+        }
+        fn sqrt(self) -> Self { Self(self.0.map(f64::sqrt)) }
+        fn less_product(self, a: Self, b: Self) -> Self {
+            Self(std::array::from_fn(|i| self.0[i] - a.0[i] * b.0[i]))
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Which instructions this processor has.
+//! Instruction sets of this processor.
 
 use super::{Kernel, Portable, Vector};
 use std::sync::OnceLock;
@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 /// An instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// What the compiler makes of plain arrays.
+    /// Plain arrays, as the compiler vectorises them.
     Portable,
     /// 8 lanes, with fused multiply-add.
     Avx2,
@@ -27,14 +27,19 @@ impl Level {
         }
     }
 
+    /// The levels that this processor has, slowest first.
+    pub fn available() -> impl DoubleEndedIterator<Item = Self> {
+        Self::ALL.into_iter().filter(|level| level.is_available())
+    }
+
     /// The fastest that this processor has, or the one that `LSDC_SIMD` names if it has that.
     pub fn here() -> Self {
         static LEVEL: OnceLock<Level> = OnceLock::new();
         *LEVEL.get_or_init(|| {
-            let wanted = std::env::var("LSDC_SIMD").unwrap_or_default();
-            let mut available = Self::ALL.into_iter().filter(|level| level.is_available());
-            let named = available.clone().find(|level| level.name() == wanted);
-            named.or(available.next_back()).unwrap_or(Self::Portable)
+            let name = std::env::var("LSDC_SIMD").unwrap_or_default();
+            let named = Self::available().find(|level| level.name() == name);
+            let fastest = Self::available().next_back();
+            named.or(fastest).unwrap_or(Self::Portable)
         })
     }
 
@@ -59,7 +64,7 @@ impl Level {
         }
     }
 
-    /// Floats of a panel that rows are multiplied with, of a matrix of so many columns: one vector, if they fit, or two.
+    /// Floats of a panel of a matrix with that many columns: one vector if they fit, else two.
     pub(crate) fn panel(self, columns: usize) -> usize {
         let lanes = self.lanes();
         if columns <= lanes { lanes } else { 2 * lanes }
@@ -77,10 +82,10 @@ impl Level {
     /// If this processor does not have them.
     ///
     /// # Safety
-    /// The kernel's own demands.
+    /// The kernel's own requirements.
     pub(crate) unsafe fn run<K: Kernel>(self, kernel: K) -> K::Output {
         assert!(self.is_available(), "{} is not available", self.name());
-        // SAFETY: the processor has the instructions; the rest is up to the caller.
+        // SAFETY: the processor has the instructions; the caller meets the other requirements.
         unsafe {
             match self {
                 #[cfg(target_arch = "x86_64")]

@@ -30,7 +30,7 @@ impl Buffer {
         16 * self.lines.len()
     }
 
-    /// Changes the length; all values are then of any kind.
+    /// Changes the length; the values are then unspecified.
     pub fn reshape(&mut self, length: usize) {
         if length > self.capacity() {
             *self = Self::zeros(length);
@@ -58,7 +58,7 @@ impl DerefMut for Buffer {
 /// Memory that is written before it is read: to clear it first would cost as much as a layer.
 pub(crate) type Unset = [MaybeUninit<f32>];
 
-/// A vector of so many floats that `write` sets.
+/// A vector of `length` floats, which `write` sets.
 ///
 /// # Safety
 /// `write` must set every float.
@@ -82,9 +82,9 @@ pub(crate) unsafe fn unset(values: &mut [f32]) -> &mut Unset {
 /// Working memory of each thread, kept from call to call.
 #[derive(Debug)]
 pub struct Scratch {
-    /// Of the thread that runs an operation, for all threads.
+    /// For the thread that runs an operation, which may share it with others.
     whole: Mutex<Buffer>,
-    /// Of each thread of the pool, and of any other.
+    /// For threads outside of the pool, and for each thread of the pool.
     slots: Vec<Mutex<Buffer>>,
 }
 
@@ -104,18 +104,18 @@ impl Scratch {
         }
     }
 
-    /// Calls `f` with `length` floats of any value, of this thread.
+    /// Calls `f` with `length` floats of unspecified values, for this thread.
     pub fn with<R>(&self, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
         let slot = rayon::current_thread_index().map_or(0, |i| i + 1);
         Self::lend(self.slots.get(slot), length, f)
     }
 
-    /// Calls `f` with `length` floats of any value, which it may share with other threads.
+    /// Calls `f` with `length` floats of unspecified values, which it may share with other threads.
     pub(crate) fn with_whole<R>(&self, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
         Self::lend(Some(&self.whole), length, f)
     }
 
-    /// Lets the memory go that nobody uses.
+    /// Frees the memory that is not in use.
     pub fn clear(&self) {
         for slot in self.slots.iter().chain([&self.whole]) {
             if let Ok(mut memory) = slot.try_lock() {
@@ -125,8 +125,8 @@ impl Scratch {
     }
 
     fn lend<R>(slot: Option<&Mutex<Buffer>>, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
-        // Taken already only if a thread stole work in the midst of its own, or if two threads
-        // outside of the pool compute at once: rare.
+        // In use only if a thread stole work during its own, or if two threads outside of the pool
+        // compute at once: rare.
         let Some(Ok(mut memory)) = slot.map(Mutex::try_lock) else {
             return f(&mut Buffer::zeros(length));
         };
@@ -135,7 +135,7 @@ impl Scratch {
     }
 }
 
-/// A slice that several tasks write, each other parts of it.
+/// A slice of which several tasks write different parts.
 #[derive(Clone, Copy)]
 pub(crate) struct Shared<'a> {
     pointer: *mut f32,

@@ -1,5 +1,19 @@
-//! What fast CPU kernels are made of: vectors of every instruction set, chosen at run time, matrix
+//! The parts of fast CPU kernels: vectors of every instruction set, selected at run time, matrix
 //! products of rows with packed weights, and memory that threads reuse.
+
+/// Inlined functions of a vector.
+macro_rules! inlined {
+    ($(fn $name:ident($($argument:tt)*) $(-> $output:ty)? { $($body:tt)* })*) => {
+        $(
+            #[inline(always)]
+            #[allow(unused_unsafe)]
+            unsafe fn $name($($argument)*) $(-> $output)? {
+                // SAFETY: as demanded from the caller.
+                unsafe { $($body)* }
+            }
+        )*
+    };
+}
 
 mod doubles;
 mod level;
@@ -13,16 +27,15 @@ mod x86;
 
 pub(crate) use doubles::{Doubles, PortableDoubles};
 pub use level::Level;
-pub use memory::Buffer;
-pub use memory::Scratch;
+pub use memory::{Buffer, Scratch};
 pub(crate) use memory::{Shared, Unset, unset, written};
 pub use product::{Packed, Tail};
 pub(crate) use product::{Rows, product};
 pub(crate) use rows::write_blends;
 pub use rows::{Blend, blend_rows, dot_rows};
 
-/// The longest vector of any level.
-const MOST_LANES: usize = 16;
+/// Lanes of the longest vector of any level.
+const MAX_LANES: usize = 16;
 
 /// A vector of floats.
 ///
@@ -57,7 +70,7 @@ pub(crate) trait Vector: Copy {
             if count >= Self::LANES {
                 return Self::load(from);
             }
-            let mut buffer = [0.0; MOST_LANES];
+            let mut buffer = [0.0; MAX_LANES];
             std::ptr::copy_nonoverlapping(from, buffer.as_mut_ptr(), count);
             Self::load(buffer.as_ptr())
         }
@@ -71,7 +84,7 @@ pub(crate) trait Vector: Copy {
             if count >= Self::LANES {
                 return self.store(to);
             }
-            let mut buffer = [0.0; MOST_LANES];
+            let mut buffer = [0.0; MAX_LANES];
             self.store(buffer.as_mut_ptr());
             std::ptr::copy_nonoverlapping(buffer.as_ptr(), to, count);
         }
@@ -80,11 +93,11 @@ pub(crate) trait Vector: Copy {
     /// The sum of all lanes.
     #[inline(always)]
     unsafe fn total(self) -> f32 {
-        let mut buffer = [0.0; MOST_LANES];
+        let mut buffer = [0.0; MAX_LANES];
         // SAFETY: as demanded from the caller.
         unsafe { self.store(buffer.as_mut_ptr()) };
         // By halves, which vector units can do.
-        let mut half = MOST_LANES / 2;
+        let mut half = MAX_LANES / 2;
         while half > 0 {
             for i in 0..half {
                 buffer[i] += buffer[i + half];
@@ -120,50 +133,19 @@ impl Vector for Portable {
     const ROWS: usize = 4;
     type Doubles = PortableDoubles;
 
-    #[inline(always)]
-    unsafe fn load(from: *const f32) -> Self {
-        // SAFETY: as demanded from the caller.
-        Self(unsafe { from.cast::<[f32; 8]>().read_unaligned() })
-    }
-
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f32) {
-        // SAFETY: as demanded from the caller.
-        unsafe { to.cast::<[f32; 8]>().write_unaligned(self.0) }
-    }
-
-    #[inline(always)]
-    unsafe fn splat(value: f32) -> Self {
-        Self([value; 8])
-    }
-
-    #[inline(always)]
-    unsafe fn add(self, other: Self) -> Self {
-        self.zip(other, |a, b| a + b)
-    }
-
-    #[inline(always)]
-    unsafe fn sub(self, other: Self) -> Self {
-        self.zip(other, |a, b| a - b)
-    }
-
-    #[inline(always)]
-    unsafe fn mul(self, other: Self) -> Self {
-        self.zip(other, |a, b| a * b)
-    }
-
-    #[inline(always)]
-    unsafe fn max(self, other: Self) -> Self {
-        self.zip(other, |a, b| if a > b { a } else { b })
-    }
-
-    #[inline(always)]
-    unsafe fn mul_add(self, factor: Self, term: Self) -> Self {
-        self.zip(factor, |a, b| a * b).zip(term, |a, b| a + b)
-    }
-
-    #[inline(always)]
-    unsafe fn where_positive(self, other: Self) -> Self {
-        self.zip(other, |a, b| if b > 0.0 { a } else { 0.0 })
+    inlined! {
+        fn load(from: *const f32) -> Self { Self(from.cast::<[f32; 8]>().read_unaligned()) }
+        fn store(self, to: *mut f32) { to.cast::<[f32; 8]>().write_unaligned(self.0); }
+        fn splat(value: f32) -> Self { Self([value; 8]) }
+        fn add(self, other: Self) -> Self { self.zip(other, |a, b| a + b) }
+        fn sub(self, other: Self) -> Self { self.zip(other, |a, b| a - b) }
+        fn mul(self, other: Self) -> Self { self.zip(other, |a, b| a * b) }
+        fn max(self, other: Self) -> Self { self.zip(other, |a, b| if a > b { a } else { b }) }
+        fn mul_add(self, factor: Self, term: Self) -> Self {
+            self.zip(factor, |a, b| a * b).zip(term, |a, b| a + b)
+        }
+        fn where_positive(self, other: Self) -> Self {
+            self.zip(other, |a, b| if b > 0.0 { a } else { 0.0 })
+        }
     }
 }

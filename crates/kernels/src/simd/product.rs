@@ -1,4 +1,4 @@
-//! The matrix product that every layer comes down to: rows of inputs times panels of weights.
+//! The matrix product that every layer is based on: rows of inputs times panels of weights.
 
 use super::{Buffer, Kernel, Level, Shared, Unset, Vector, unset};
 use crate::schedule::InTasks;
@@ -29,7 +29,7 @@ fn pinned(pointer: *const f32) -> *const f32 {
     pointer
 }
 
-/// `N` rows times a panel of `W` vectors' width, in some steps.
+/// `N` rows times a panel of `W` vectors' width, summed over some steps.
 ///
 /// # Safety
 /// As for `Vector`; `a` has `N` rows, and the panel rows `b_row` apart, that have every step.
@@ -50,7 +50,7 @@ unsafe fn tile<V: Vector, const N: usize, const W: usize>(
             }
             let mut a_k = a.pointer.add(k * a.step);
             for (r, sum) in sums.iter_mut().enumerate() {
-                // Left to itself, the compiler loads the factors of all rows ahead and moves the
+                // Without this, the compiler loads the factors of all rows ahead and moves the
                 // sums out of the registers (measured: half the rate). Three rows share an address.
                 if r > 0 && r % 3 == 0 {
                     a_k = pinned(a_k.wrapping_add(3 * a.row));
@@ -131,7 +131,7 @@ fn blocks<V: Vector>(count: usize) -> impl Iterator<Item = Range<usize>> {
     })
 }
 
-/// The steps of each block of rows in which one of them has a factor that is not 0.
+/// The steps of each block of rows in which a row has a factor that is not 0.
 struct Active {
     steps: Vec<u32>,
     /// Where the steps of each block begin, and the end.
@@ -145,24 +145,24 @@ impl Active {
     /// `a` has `count` rows of `depth`.
     #[inline(always)]
     unsafe fn new<V: Vector>(a: Rows, count: usize, depth: usize) -> Self {
-        let most = count.div_ceil(V::ROWS);
-        let (mut steps, mut starts) = (vec![0; most * depth], Vec::with_capacity(most + 1));
+        let block_count = count.div_ceil(V::ROWS);
+        let mut steps = vec![0; block_count * depth];
+        let mut starts = Vec::with_capacity(block_count + 1);
         starts.push(0);
-        let (mut seen, mut end) = (vec![0; depth], 0);
+        let (mut combined, mut end) = (vec![0; depth], 0);
         for rows in blocks::<V>(count) {
-            seen.fill(0);
+            combined.fill(0);
             for row in rows {
                 // SAFETY: as demanded from the caller.
                 let row = unsafe { std::slice::from_raw_parts(a.pointer.add(row * a.row), depth) };
                 // All bits but the sign: those of 0 are 0.
                 let bits = row.iter().map(|value| value.to_bits() << 1);
-                seen.iter_mut()
-                    .zip(bits)
-                    .for_each(|(seen, bits)| *seen |= bits);
+                let pairs = combined.iter_mut().zip(bits);
+                pairs.for_each(|(combined, bits)| *combined |= bits);
             }
-            for (step, seen) in (0..).zip(&seen) {
+            for (step, bits) in (0..).zip(&combined) {
                 steps[end] = step;
-                end += usize::from(*seen != 0);
+                end += usize::from(*bits != 0);
             }
             starts.push(end);
         }
@@ -176,12 +176,12 @@ impl Active {
     }
 }
 
-/// What follows a product and its bias.
+/// The operations after a product and its bias.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tail<'a> {
-    /// Added; of the form of the output.
+    /// Added to the product, with the shape of the output.
     pub skip: Option<&'a [f32]>,
-    /// Cuts off below 0.
+    /// Whether a ReLU follows.
     pub relu: bool,
 }
 
@@ -282,8 +282,8 @@ impl Packed {
         self.write(x, tail, unsafe { unset(output) });
     }
 
-    /// The same for an input many of whose values are 0, as of a layer that cuts off below 0: those that are 0 in
-    /// all rows of a block, next to each other, cost nothing. The sums are the same to the last bit.
+    /// The same for an input with many zeros, such as the output of a ReLU: columns that are 0 in all rows of a block are
+    /// skipped. The sums are the same to the last bit.
     pub fn apply_sparse(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
         // SAFETY: `write_some` writes floats.
         self.write_some(x, tail, unsafe { unset(output) }, true);
@@ -341,7 +341,7 @@ struct Apply<'a> {
     tail: Tail<'a>,
     output: Shared<'a>,
     rows: usize,
-    /// Whether steps without a factor are looked for.
+    /// Whether steps whose factors are all 0 are skipped.
     sparse: bool,
 }
 

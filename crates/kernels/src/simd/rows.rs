@@ -1,4 +1,4 @@
-//! What is done to single rows between products.
+//! Operations on single rows between products.
 
 use super::{Kernel, Level, Unset, Vector, unset};
 
@@ -11,8 +11,8 @@ pub struct Blend<'a, const N: usize, const T: usize> {
     pub terms: [&'a [f32]; T],
 }
 
-/// Computes blends one after the other into `output [blends, columns]`, whose rows may be longer; with `relu`, what
-/// is below 0 is cut off.
+/// Computes blends one after the other into `output [blends, columns]`, whose rows may be longer, with an optional
+/// ReLU.
 pub fn blend_rows<'a, const N: usize, const T: usize>(
     level: Level,
     blends: impl ExactSizeIterator<Item = Blend<'a, N, T>>,

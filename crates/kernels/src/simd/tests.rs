@@ -8,16 +8,12 @@ fn random(count: usize, name: &str) -> Vec<f32> {
     (0..count).map(|_| rng.normal()).collect()
 }
 
-fn levels() -> impl Iterator<Item = Level> {
-    Level::ALL.into_iter().filter(|level| level.is_available())
-}
-
 #[test]
 fn products_agree_with_plain_loops() {
     for (rows, depth, columns) in [(1, 1, 1), (3, 7, 5), (15, 20, 16), (100, 33, 70), (0, 4, 4)] {
         let (x, weights) = (random(rows * depth, "x"), random(depth * columns, "w"));
         let (bias, skip) = (random(columns, "b"), random(rows * columns, "s"));
-        for level in levels() {
+        for level in Level::available() {
             let packed = Packed::new(level, (depth, columns), &bias, |r, c| {
                 weights[r * columns + c]
             });
@@ -67,7 +63,7 @@ fn zeros_that_are_left_out_change_no_bit() {
                 *value = nothing;
             }
         }
-        for level in levels() {
+        for level in Level::available() {
             let packed = Packed::new(level, (depth, columns), &bias, |r, c| {
                 weights[r * columns + c]
             });
@@ -117,7 +113,7 @@ impl Kernel for Everything<'_> {
 #[test]
 fn vectors_do_what_floats_do() {
     let (a, b) = (random(16, "a"), random(16, "b"));
-    for level in levels() {
+    for level in Level::available() {
         // SAFETY: the kernel's slices are long enough.
         let results = unsafe { level.run(Everything(&a, &b)) };
         let lanes = level.lanes();

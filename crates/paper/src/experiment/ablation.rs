@@ -1,12 +1,13 @@
 //! How many basis functions, and how the position is encoded: one network for each, trained from the
 //! same seed on an equal budget.
 
-use super::trial::{EPOCHS, Trained, Trial};
+use super::tables::{axis, column, line};
+use super::trial::{EPOCHS, TrainedNetwork, Trial, as_trials};
 use super::{ExperimentContext, Study};
 use burn::tensor::Device;
 use lsdc_core::network::NetworkConfig;
 use lsdc_eval::metrics::Metric;
-use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table, Training};
+use lsdc_eval::report::{AxisScales, Chart, Column, Ranking, Row, Section, Table, Training};
 use lsdc_files::error::Result;
 use lsdc_train::model::InitNetwork as _;
 
@@ -27,7 +28,7 @@ struct Family<'a> {
 
 pub(super) struct Ablation<'a> {
     context: &'a ExperimentContext,
-    trials: Vec<Trained<'a>>,
+    trials: Vec<TrainedNetwork<'a>>,
     families: Vec<Family<'a>>,
 }
 
@@ -35,13 +36,13 @@ impl<'a> Ablation<'a> {
     pub(super) fn new(context: &'a ExperimentContext) -> Result<Self> {
         let frames = (context.recipe.frames)()?;
         let base = &context.recipe.network;
-        let mut trials: Vec<Trained<'a>> = Vec::new();
+        let mut trials: Vec<TrainedNetwork<'a>> = Vec::new();
         // The network that both families have is trained once.
         let mut member = |network: NetworkConfig| {
             let there = trials.iter().position(|trial| trial.network == network);
             there.unwrap_or_else(|| {
                 let name = format!("bases-{}-octaves-{}", network.bases, network.octaves);
-                trials.push(Trained::new(context, name, network, frames.clone()));
+                trials.push(TrainedNetwork::new(context, name, network, frames.clone()));
                 trials.len() - 1
             })
         };
@@ -101,10 +102,7 @@ impl<'a> Ablation<'a> {
 
 impl Study for Ablation<'_> {
     fn trials(&self) -> Vec<&dyn Trial> {
-        self.trials
-            .iter()
-            .map(|trial| trial as &dyn Trial)
-            .collect()
+        as_trials(&self.trials)
     }
 
     fn section(&self) -> Result<Section> {
@@ -136,28 +134,23 @@ impl Study for Ablation<'_> {
 }
 
 impl Family<'_> {
-    fn report(&self, trials: &[Trained<'_>], section: &mut Section) -> Result<()> {
+    fn report(&self, trials: &[TrainedNetwork<'_>], section: &mut Section) -> Result<()> {
         let metrics = [Metric::Rmse, Metric::Rel, Metric::Delta1];
         let mut rows = Vec::new();
         for (label, &member) in self.labels.iter().zip(&self.members) {
             let trial = &trials[member];
             let net = trial.network.init(0, &Device::flex())?;
-            let mut row = Row::of(label, &trial.measured()?.first()?, &metrics);
+            let mut row = Row::of(label, &trial.measured()?.first_scores()?, &metrics);
             let parameters = lsdc_train::model::parameter_count(&net);
             row.values.insert(0, Some(parameters as f64 / 1e6));
             rows.push(row);
         }
-        let mut columns = vec![Column {
-            label: "parameters".into(),
-            unit: "M",
-            decimals: 3,
-            rising: false,
-        }];
+        let mut columns = vec![column("parameters", "M", 3)];
         columns.extend(metrics.map(Column::of));
         section.tables.push(Table {
             title: self.title.into(),
-            rows_are: self.variable.into(),
-            contest: Contest::None,
+            row_header: self.variable.into(),
+            ranking: Ranking::None,
             columns,
             rows,
         });
@@ -166,28 +159,23 @@ impl Family<'_> {
         let epoch = self.context.recipe.train.steps.div_ceil(EPOCHS) as f64;
         for metric in [Metric::Rmse, Metric::Rel] {
             let lines = self.labels.iter().zip(&curves).enumerate();
-            let lines = lines.map(|(colour, (label, curve))| Line {
-                name: Some(label.clone()),
-                colour,
-                dashed: false,
-                points: curve
-                    .iter()
-                    .map(|&(step, rmse, rel)| {
-                        let value = if metric == Metric::Rmse { rmse } else { rel };
-                        (step / epoch, value)
-                    })
-                    .collect(),
+            let lines = lines.map(|(colour, (label, curve))| {
+                let points = curve.iter().map(|&(step, rmse, rel)| {
+                    let value = if metric == Metric::Rmse { rmse } else { rel };
+                    (step / epoch, value)
+                });
+                line(label, colour, points.collect())
             });
             let chart = Chart {
                 title: &format!("{}: {}", self.title, metric.label()),
-                across: &format!("epochs of {epoch:.0} steps"),
-                up: &super::points::axis(metric),
-                scales: Scales::Linear,
+                x_label: &format!("epochs of {epoch:.0} steps"),
+                y_label: &axis(metric),
+                scales: AxisScales::Linear,
                 lines: lines.collect(),
             };
             let name = format!("{}-{}", self.name, metric.key());
             let caption = "Frames kept out of training, 500 points.";
-            section.show(&name, caption, chart.draw());
+            section.add_figure(&name, caption, chart.draw());
         }
         Ok(())
     }

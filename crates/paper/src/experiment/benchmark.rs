@@ -1,15 +1,15 @@
 //! Errors beside other methods (Fang et al., table 1).
 
 use super::trial::{Measured, Trial};
-use super::{ExperimentContext, Study, published};
+use super::{ExperimentContext, Study, published, tables};
 use lsdc_eval::evaluation::Candidate;
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::predict::{Classic, Method};
-use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_eval::report::{Row, Section};
 use lsdc_files::error::Result;
 
 /// What is measured beside `lsdc` wherever methods are compared.
-pub(super) const RIVALS: [Method; 3] = [
+pub(super) const BASELINES: [Method; 3] = [
     Method::Classic(Classic::Linear),
     Method::Classic(Classic::Smooth),
     Method::Classic(Classic::Steering),
@@ -17,7 +17,7 @@ pub(super) const RIVALS: [Method; 3] = [
 
 /// `lsdc` and its rivals.
 pub(super) fn all() -> Vec<Method> {
-    [Method::Lsdc].into_iter().chain(RIVALS).collect()
+    [Method::Lsdc].into_iter().chain(BASELINES).collect()
 }
 
 const METRICS: [Metric; 7] = [
@@ -44,8 +44,8 @@ impl<'a> Benchmark<'a> {
             context,
             methods: Measured::new(context, "benchmark")
                 .methods(&all())
-                .beside(others),
-            plain: Measured::new(context, "benchmark-plain").plain(),
+                .with_candidates(others),
+            plain: Measured::new(context, "benchmark-plain").paper_fit(),
         }
     }
 }
@@ -67,21 +67,16 @@ impl Study for Benchmark<'_> {
             .iter()
             .map(|(name, scores)| Row::of(name, scores, &METRICS))
             .collect();
-        let plain = self.plain.first()?;
+        let plain = self.plain.first_scores()?;
         rows.insert(1, Row::of("lsdc, the paper's fit", &plain, &METRICS));
         for (name, errors) in published::TABLE_1 {
             let mut values = errors.to_vec();
             values.resize(METRICS.len(), None);
             rows.push(published::row(name, values));
         }
-        let table = Table {
-            title: format!("Errors, {}", self.context.preset.points),
-            rows_are: "method".into(),
-            contest: Contest::Rows,
-            columns: METRICS.iter().map(|&m| Column::of(m)).collect(),
-            rows,
-        };
-        section.judge(table, "lsdc");
+        let title = format!("Errors, {}", self.context.preset.points);
+        let table = tables::of_methods(title, &METRICS, rows);
+        section.add_ranked_table(table, "lsdc");
         section.about.push(
             "\"The paper's fit\" has the same basis functions without field, cosines and prior: \
              least squares by truncated SVD."

@@ -7,7 +7,7 @@ use lsdc_core::fit::FitConfig;
 use lsdc_core::network::NetworkConfig;
 use lsdc_eval::data::{Dataset, GuideSource};
 use lsdc_eval::metrics::Rules;
-use lsdc_eval::sampling::Preset;
+use lsdc_eval::sampling::ProtocolPreset;
 use lsdc_files::error::Result;
 use lsdc_train::training::TrainConfig;
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ pub struct ExperimentContext {
     /// The frames to measure on.
     pub frames: Arc<dyn Dataset>,
     /// Their protocol.
-    pub preset: Preset,
+    pub preset: ProtocolPreset,
     /// What the measures leave open.
     pub rules: Rules,
     /// Only the first frames.
@@ -51,8 +51,8 @@ pub struct ExperimentContext {
     /// What numbers depend on beside the settings here: where datasets lie and how they are opened.
     /// What was measured from something else is not used again.
     pub place: serde_json::Value,
-    /// How long each part is tried, to foretell the time of the rest.
-    pub trial: Duration,
+    /// How long each part runs first, to estimate the time of the rest.
+    pub probe_time: Duration,
 }
 
 impl ExperimentContext {

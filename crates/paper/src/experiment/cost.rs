@@ -1,6 +1,7 @@
 //! Parameters and times (Fang et al., table 5).
 
-use super::trial::{Progress, Trial};
+use super::tables::{column, row};
+use super::trial::{Progress, Trial, as_trials};
 use super::{ExperimentContext, Study, published};
 use crate::systems::Predictor;
 use burn::module::Module as _;
@@ -8,9 +9,9 @@ use lsdc_core::Completer;
 use lsdc_core::network::NetworkConfig;
 use lsdc_core::weights::Normalisation;
 use lsdc_eval::data::{Dataset as _, DepthMap, Frame, Rooms, RoomsConfig, Split, write_atomically};
-use lsdc_eval::evaluation::{Times, median_ms, time};
+use lsdc_eval::evaluation::{CompletionTimes, median_ms, time};
 use lsdc_eval::predict::complete_classic;
-use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_eval::report::{Ranking, Section, Table};
 use lsdc_eval::sampling::{Pattern, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_train::model::{InitNetwork as _, parameter_count, weights_of};
@@ -50,12 +51,12 @@ pub(super) struct Timed<'a> {
     pub(super) name: String,
     /// Changes with everything that is not the context's.
     pub(super) label: String,
-    pub(super) subject: Subject,
+    pub(super) subject: TimedSubject,
     pub(super) size: Size,
 }
 
 #[derive(Clone)]
-pub(super) enum Subject {
+pub(super) enum TimedSubject {
     /// The network of the context, and whether it sees all pixels.
     Ours { full: bool },
     /// Another network.
@@ -68,12 +69,12 @@ pub(super) enum Subject {
     System(Predictor),
 }
 
-/// The times that a trial keeps.
+/// The times of a trial, as they are on disk.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct KeptTimes {
+struct StoredTimes {
     /// Numerics, weights, device and machine.
     of: Value,
-    times: Times,
+    times: CompletionTimes,
     /// Trained parameters, and multiply-adds at this size.
     parameters: Option<usize>,
     multiply_adds: Option<u64>,
@@ -100,14 +101,14 @@ impl Timed<'_> {
         Ok(self.times()?.times.total_ms)
     }
 
-    fn times(&self) -> Result<KeptTimes> {
+    fn times(&self) -> Result<StoredTimes> {
         let path = self.path();
         let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
-        let kept: KeptTimes =
+        let stored: StoredTimes =
             serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e.into()))?;
         let now = serde_json::from_str(&self.of().to_string()).unwrap_or_default();
-        match differences(&kept.of, &now).first() {
-            None => Ok(kept),
+        match differences(&stored.of, &now).first() {
+            None => Ok(stored),
             Some(first) => Err(Error::config(format!(
                 "`{}` has times of something else: {first}",
                 path.display()
@@ -116,36 +117,28 @@ impl Timed<'_> {
         }
     }
 
-    fn measure(&self) -> Result<KeptTimes> {
+    fn measure(&self) -> Result<StoredTimes> {
         let frame = room(self.size)?;
         let points = Pattern::Exactly(POINTS);
         let sparse = points.draw(&frame, 0)?;
         let device = &self.context.device.0;
         let size = (self.size.height, self.size.width);
-        match &self.subject {
-            &Subject::Ours { full } => {
+        let timed = |completer: &Completer| time(completer, &frame, &points, RUNS);
+        let (times, parameters, multiply_adds) = match &self.subject {
+            &TimedSubject::Ours { full } => {
                 let mut completer = self.context.completer.clone();
                 let net = self.context.network.init(0, device)?;
                 // Larger images are reduced to this before the network.
-                let mut seen = SIZES[0];
+                let mut input = SIZES[0];
                 if full {
                     completer = completer.with_working_size(size.0, size.1)?;
-                    seen = self.size;
+                    input = self.size;
                 }
-                Ok(KeptTimes {
-                    of: self.of(),
-                    times: time(&completer, &frame, &points, RUNS)?,
-                    parameters: Some(parameter_count(&net)),
-                    multiply_adds: Some(net.multiply_adds((seen.height, seen.width))),
-                })
+                let adds = net.multiply_adds((input.height, input.width));
+                (timed(&completer)?, Some(parameter_count(&net)), Some(adds))
             }
-            Subject::Other(completer) => Ok(KeptTimes {
-                of: self.of(),
-                times: time(completer, &frame, &points, RUNS)?,
-                parameters: None,
-                multiply_adds: None,
-            }),
-            Subject::Paper => {
+            TimedSubject::Other(completer) => (timed(completer)?, None, None),
+            TimedSubject::Paper => {
                 let config = NetworkConfig::paper();
                 let net = config.init(0, device)?.valid();
                 let normalisation = Normalisation {
@@ -155,52 +148,43 @@ impl Timed<'_> {
                 let (parameters, adds) = (parameter_count(&net), net.multiply_adds(size));
                 let weights = weights_of(&net, config, normalisation);
                 let completer = predict::completer(&weights, device)?;
-                Ok(KeptTimes {
-                    of: self.of(),
-                    times: time(&completer, &frame, &points, RUNS)?,
-                    parameters: Some(parameters),
-                    multiply_adds: Some(adds),
-                })
+                (timed(&completer)?, Some(parameters), Some(adds))
             }
-            &Subject::Classic(method) => {
+            &TimedSubject::Classic(method) => {
                 let whole = || complete_classic(method, &frame.rgb, &sparse);
-                Ok(self.in_one_piece(time_whole(whole)?, None))
+                (time_whole(whole)?, None, None)
             }
-            Subject::System(predictor) => {
+            TimedSubject::System(predictor) => {
                 let whole = || predictor.complete(&frame.rgb, &sparse);
                 let parameters = parameter_count(predictor.net());
-                Ok(self.in_one_piece(time_whole(whole)?, Some(parameters)))
+                (time_whole(whole)?, Some(parameters), None)
             }
-        }
-    }
-
-    /// The time of a method without stages.
-    fn in_one_piece(&self, total_ms: f64, parameters: Option<usize>) -> KeptTimes {
-        KeptTimes {
+        };
+        Ok(StoredTimes {
             of: self.of(),
-            times: Times {
-                network_ms: 0.0,
-                fit_ms: 0.0,
-                field_ms: 0.0,
-                solve_ms: 0.0,
-                dense_ms: 0.0,
-                total_ms,
-            },
+            times,
             parameters,
-            multiply_adds: None,
-        }
+            multiply_adds,
+        })
     }
 }
 
-/// The median over all runs of the milliseconds of a completion.
-fn time_whole(complete: impl Fn() -> Result<DepthMap>) -> Result<f64> {
+/// The median over all runs of the time of a method without stages.
+fn time_whole(complete: impl Fn() -> Result<DepthMap>) -> Result<CompletionTimes> {
     let mut times = Vec::new();
     for _ in 0..RUNS {
         let started = Instant::now();
         complete()?;
         times.push(started.elapsed());
     }
-    median_ms(times.into_iter())
+    Ok(CompletionTimes {
+        network_ms: 0.0,
+        fit_ms: 0.0,
+        field_ms: 0.0,
+        solve_ms: 0.0,
+        dense_ms: 0.0,
+        total_ms: median_ms(times.into_iter())?,
+    })
 }
 
 impl Trial for Timed<'_> {
@@ -208,7 +192,7 @@ impl Trial for Timed<'_> {
         &self.name
     }
 
-    fn kept(&self) -> Result<usize> {
+    fn stored(&self) -> Result<usize> {
         if !self.path().exists() {
             return Ok(0);
         }
@@ -219,9 +203,9 @@ impl Trial for Timed<'_> {
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
         let path = self.path();
         if !path.exists() {
-            let kept = serde_json::to_vec(&self.measure()?);
-            let kept = kept.map_err(|e| Error::write(&path, e.into()))?;
-            write_atomically(&path, |out| out.write_all(&kept))?;
+            let times = serde_json::to_vec(&self.measure()?);
+            let times = times.map_err(|e| Error::write(&path, e.into()))?;
+            write_atomically(&path, |out| out.write_all(&times))?;
         }
         let _ = progress(1.0);
         Ok(())
@@ -238,19 +222,22 @@ impl<'a> Cost<'a> {
         let mut trials = Vec::new();
         for size in SIZES {
             let mut subjects = vec![
-                ("lsdc".to_owned(), Subject::Ours { full: false }),
-                ("the paper's network and fit".to_owned(), Subject::Paper),
+                ("lsdc".to_owned(), TimedSubject::Ours { full: false }),
+                (
+                    "the paper's network and fit".to_owned(),
+                    TimedSubject::Paper,
+                ),
             ];
             if size != SIZES[0] {
                 let all = (
                     "lsdc, network at this size".to_owned(),
-                    Subject::Ours { full: true },
+                    TimedSubject::Ours { full: true },
                 );
                 subjects.insert(1, all);
             }
-            for method in super::benchmark::RIVALS {
+            for method in super::benchmark::BASELINES {
                 if let lsdc_eval::predict::Method::Classic(classic) = method {
-                    subjects.push((method.name().to_owned(), Subject::Classic(classic)));
+                    subjects.push((method.name().to_owned(), TimedSubject::Classic(classic)));
                 }
             }
             for (number, (label, subject)) in subjects.into_iter().enumerate() {
@@ -269,10 +256,7 @@ impl<'a> Cost<'a> {
 
 impl Study for Cost<'_> {
     fn trials(&self) -> Vec<&dyn Trial> {
-        self.trials
-            .iter()
-            .map(|trial| trial as &dyn Trial)
-            .collect()
+        as_trials(&self.trials)
     }
 
     fn section(&self) -> Result<Section> {
@@ -290,34 +274,25 @@ impl Study for Cost<'_> {
              same. Memory: `lsdc bench` says it for a process of its own."
                 .into(),
         );
-        let column = |label: &str, unit, decimals| Column {
-            label: label.to_owned(),
-            unit,
-            decimals,
-            rising: false,
-        };
         for size in SIZES {
             let mut rows = Vec::new();
             for trial in self.trials.iter().filter(|trial| trial.size == size) {
-                let KeptTimes {
+                let StoredTimes {
                     times,
                     parameters,
                     multiply_adds,
                     ..
                 } = trial.times()?;
                 let staged = parameters.is_some();
-                rows.push(Row {
-                    label: trial.label.clone(),
-                    aside: false,
-                    values: vec![
-                        parameters.map(|n| n as f64 / 1e6),
-                        multiply_adds.map(|n| 2.0 * n as f64 / 1e9),
-                        staged.then_some(times.network_ms),
-                        staged.then_some(times.fit_ms),
-                        staged.then_some(times.dense_ms),
-                        Some(times.total_ms),
-                    ],
-                });
+                let values = [
+                    parameters.map(|n| n as f64 / 1e6),
+                    multiply_adds.map(|n| 2.0 * n as f64 / 1e9),
+                    staged.then_some(times.network_ms),
+                    staged.then_some(times.fit_ms),
+                    staged.then_some(times.dense_ms),
+                    Some(times.total_ms),
+                ];
+                rows.push(row(&trial.label, values));
             }
             if size == SIZES[0] {
                 for (name, parameters, total) in published::TABLE_5 {
@@ -327,8 +302,8 @@ impl Study for Cost<'_> {
             }
             section.tables.push(Table {
                 title: format!("Cost of a frame of {}x{}", size.width, size.height),
-                rows_are: "method".into(),
-                contest: Contest::None,
+                row_header: "method".into(),
+                ranking: Ranking::None,
                 columns: vec![
                     column("parameters", "M", 2),
                     column("compute", "GFLOP", 1),
@@ -347,7 +322,7 @@ impl Study for Cost<'_> {
             parts: &["network", "fit", "dense", "all"],
             rows: self.bars()?,
         };
-        section.show(
+        section.add_figure(
             "times",
             "Time by stage; methods without stages in one piece.",
             bars.draw(),
@@ -361,7 +336,7 @@ impl Cost<'_> {
         let small = self.trials.iter().filter(|trial| trial.size == SIZES[0]);
         small
             .map(|trial| {
-                let KeptTimes {
+                let StoredTimes {
                     times, parameters, ..
                 } = trial.times()?;
                 let parts = match parameters {

@@ -2,18 +2,18 @@
 
 use super::benchmark::all;
 use super::trial::{Measured, Trial};
-use super::{ExperimentContext, Study, published};
-use lsdc_eval::data::Place;
+use super::{ExperimentContext, Study, published, tables};
+use lsdc_eval::data::Environment;
 use lsdc_eval::metrics::Metric;
-use lsdc_eval::report::{Column, Contest, Row, Section, Table};
-use lsdc_eval::sampling::Preset;
+use lsdc_eval::report::{Row, Section};
+use lsdc_eval::sampling::ProtocolPreset;
 use lsdc_files::error::Result;
 
 const PRESETS: [&str; 3] = ["diode-paper", "diode-masked", "diode-robustdc"];
 const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::Delta1, Metric::Mae];
 
 pub(super) struct Diode<'a> {
-    trials: Vec<(Preset, Measured<'a>)>,
+    trials: Vec<(ProtocolPreset, Measured<'a>)>,
     context: &'a ExperimentContext,
 }
 
@@ -21,12 +21,12 @@ impl<'a> Diode<'a> {
     pub(super) fn new(context: &'a ExperimentContext) -> Result<Self> {
         let mut trials = Vec::new();
         for name in PRESETS {
-            let (preset, Some(frames)) = (Preset::named(name)?, &context.diode) else {
+            let (preset, Some(frames)) = (ProtocolPreset::named(name)?, &context.diode) else {
                 continue;
             };
             let trial = Measured::new(context, name)
                 .methods(&all())
-                .on("diode val".into(), frames.clone())
+                .on_frames("diode val".into(), frames.clone())
                 .protocol(&preset);
             trials.push((preset, trial));
         }
@@ -50,7 +50,7 @@ impl Study for Diode<'_> {
                 .push("Not measured: give the folder of DIODE with --diode.".into()),
             Some(frames) => section.about.push(format!(
                 "{}; {}. Nothing was trained on DIODE.",
-                frames.about(),
+                frames.description(),
                 self.context.weights
             )),
         }
@@ -58,8 +58,8 @@ impl Study for Diode<'_> {
             let report = trial.report()?;
             for place in report.places() {
                 let (word, number) = match place {
-                    Place::Indoor => ("indoor", 0),
-                    Place::Outdoor => ("outdoor", 1),
+                    Environment::Indoor => ("indoor", 0),
+                    Environment::Outdoor => ("outdoor", 1),
                 };
                 let means = report.means(Some(place));
                 let mut rows: Vec<Row> = means
@@ -79,14 +79,8 @@ impl Study for Diode<'_> {
                     .values()
                     .filter(|f| f.place == place)
                     .count();
-                let table = Table {
-                    title: format!("{}, {word}, {frames} frames", preset.name),
-                    rows_are: "method".into(),
-                    contest: Contest::Rows,
-                    columns: METRICS.iter().map(|&m| Column::of(m)).collect(),
-                    rows,
-                };
-                section.judge(table, "lsdc");
+                let title = format!("{}, {word}, {frames} frames", preset.name);
+                section.add_ranked_table(tables::of_methods(title, &METRICS, rows), "lsdc");
             }
         }
         section.notes = published::notes(&published::TABLE_4_NOTES);

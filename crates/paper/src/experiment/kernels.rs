@@ -2,23 +2,23 @@
 
 use super::trial::Trial;
 use super::{ExperimentContext, Study};
-use lsdc_eval::report::{Panels, Section, contact_sheet, kernels, signed_scale};
+use lsdc_eval::report::{Panels, Section, contact_sheet, diverging_scale, kernels};
 use lsdc_files::error::Result;
 
 /// Frames that are shown.
 const FRAMES: usize = 3;
 
-pub(super) struct Kernels<'a> {
+pub(super) struct KernelsStudy<'a> {
     context: &'a ExperimentContext,
 }
 
-impl<'a> Kernels<'a> {
+impl<'a> KernelsStudy<'a> {
     pub(super) fn new(context: &'a ExperimentContext) -> Self {
         Self { context }
     }
 }
 
-impl Study for Kernels<'_> {
+impl Study for KernelsStudy<'_> {
     fn trials(&self) -> Vec<&dyn Trial> {
         Vec::new()
     }
@@ -38,7 +38,7 @@ impl Study for Kernels<'_> {
             let frame = self.context.frames.load(index)?;
             let rgb = self.context.preset.protocol.apply(&frame)?.rgb;
             if number == 0 {
-                section.show(
+                section.add_figure(
                     "functions",
                     "The basis functions that change most over the first frame.",
                     contact_sheet(&self.context.completer, &rgb)?,
@@ -48,10 +48,10 @@ impl Study for Kernels<'_> {
         }
         let panels = Panels {
             title: "Kernels of pixels".into(),
-            scales: vec![signed_scale("cosine", 1.0)],
+            scales: vec![diverging_scale("cosine", 1.0)],
             rows,
         };
-        section.show("kernels", "Crosses mark the pixels.", panels.draw());
+        section.add_figure("kernels", "Crosses mark the pixels.", panels.draw());
         Ok(section)
     }
 }

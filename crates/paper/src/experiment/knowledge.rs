@@ -1,10 +1,11 @@
 //! What the knowledge of a network is worth: the weights that there are, for few and many points.
 
-use super::cost::{POINTS, SIZES, Subject, Timed};
+use super::cost::{POINTS, SIZES, Timed, TimedSubject};
+use super::tables::{column, line, row, show_by_count};
 use super::trial::{Measured, Trial};
 use super::{ExperimentContext, Study};
 use lsdc_eval::metrics::Metric;
-use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
+use lsdc_eval::report::{Column, Line, Ranking, Section, Table};
 use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::Result;
 use lsdc_train::predict::open_completer;
@@ -28,55 +29,46 @@ struct ComparedWeights<'a> {
 
 pub(super) struct Knowledge<'a> {
     context: &'a ExperimentContext,
-    contestants: Vec<ComparedWeights<'a>>,
+    compared: Vec<ComparedWeights<'a>>,
     /// Weights that cannot be opened, and why.
     missing: Vec<String>,
 }
 
 impl<'a> Knowledge<'a> {
     pub(super) fn new(context: &'a ExperimentContext) -> Self {
-        let (mut contestants, mut missing) = (Vec::new(), Vec::new());
+        let (mut compared, mut missing) = (Vec::new(), Vec::new());
         let guided = GUIDED.into_iter().filter(|_| context.guides.is_some());
         let all = WEIGHTS.into_iter().map(|name| (name, false));
         for (name, guided) in all.chain(guided.map(|name| (name, true))) {
             match ComparedWeights::new(context, name, guided) {
-                Ok(contestant) => contestants.push(contestant),
+                Ok(weights) => compared.push(weights),
                 Err(error) => missing.push(format!("`{name}` is left out: {error}.")),
             }
         }
         Self {
             context,
-            contestants,
+            compared,
             missing,
         }
     }
 
     fn errors(&self, metric: Metric) -> Result<(Table, Vec<Line>)> {
-        let mut rows = COUNTS.map(|count| Row {
-            label: count.to_string(),
-            aside: false,
-            values: Vec::new(),
-        });
+        let mut rows = COUNTS.map(|count| row(count.to_string(), Vec::new()));
         let mut lines = Vec::new();
-        for (colour, contestant) in self.contestants.iter().enumerate() {
+        for (colour, weights) in self.compared.iter().enumerate() {
             let mut points = Vec::new();
-            for ((count, row), trial) in COUNTS.iter().zip(&mut rows).zip(&contestant.errors) {
-                let value = trial.first()?[metric];
+            for ((count, row), trial) in COUNTS.iter().zip(&mut rows).zip(&weights.errors) {
+                let value = trial.first_scores()?[metric];
                 row.values.push(Some(value));
                 points.push((*count as f64, value));
             }
-            lines.push(Line {
-                name: Some(contestant.name.clone()),
-                colour,
-                dashed: false,
-                points,
-            });
+            lines.push(line(&weights.name, colour, points));
         }
-        let names = self.contestants.iter();
+        let names = self.compared.iter();
         let table = Table {
             title: metric.label().to_owned(),
-            rows_are: "points".to_owned(),
-            contest: Contest::Columns,
+            row_header: "points".to_owned(),
+            ranking: Ranking::Columns,
             columns: names.map(|c| Column::named(&c.name, metric)).collect(),
             rows: rows.into(),
         };
@@ -85,29 +77,19 @@ impl<'a> Knowledge<'a> {
 
     fn costs(&self) -> Result<Table> {
         let mut rows = Vec::new();
-        for contestant in self.contestants.iter().filter(|c| !c.times.is_empty()) {
-            let mut values = vec![Some(contestant.parameters)];
-            for timed in &contestant.times {
+        for weights in self.compared.iter().filter(|c| !c.times.is_empty()) {
+            let mut values = vec![Some(weights.parameters)];
+            for timed in &weights.times {
                 values.push(Some(timed.total()?));
             }
-            rows.push(Row {
-                label: contestant.name.clone(),
-                aside: false,
-                values,
-            });
+            rows.push(row(&weights.name, values));
         }
-        let column = |label: String, unit, decimals| Column {
-            label,
-            unit,
-            decimals,
-            rising: false,
-        };
         let times = SIZES.map(|size| column(format!("{}x{}", size.width, size.height), "ms", 0));
-        let parameters = column("parameters".to_owned(), "M", 2);
+        let parameters = column("parameters", "M", 2);
         Ok(Table {
             title: format!("Size, and time from an image to depth with {POINTS} points"),
-            rows_are: "weights".to_owned(),
-            contest: Contest::None,
+            row_header: "weights".to_owned(),
+            ranking: Ranking::None,
             columns: std::iter::once(parameters).chain(times).collect(),
             rows,
         })
@@ -141,7 +123,7 @@ impl<'a> ComparedWeights<'a> {
             context,
             name: format!("{stem}-{}", size.width),
             label: label.clone(),
-            subject: Subject::Other(Box::new(completer.clone())),
+            subject: TimedSubject::Other(Box::new(completer.clone())),
             size,
         };
         Ok(Self {
@@ -161,9 +143,9 @@ impl<'a> ComparedWeights<'a> {
 impl Study for Knowledge<'_> {
     fn trials(&self) -> Vec<&dyn Trial> {
         let mut trials: Vec<&dyn Trial> = Vec::new();
-        for contestant in &self.contestants {
-            trials.extend(contestant.errors.iter().map(|trial| trial as &dyn Trial));
-            trials.extend(contestant.times.iter().map(|trial| trial as &dyn Trial));
+        for weights in &self.compared {
+            trials.extend(weights.errors.iter().map(|trial| trial as &dyn Trial));
+            trials.extend(weights.times.iter().map(|trial| trial as &dyn Trial));
         }
         trials
     }
@@ -179,15 +161,8 @@ impl Study for Knowledge<'_> {
         for metric in [Metric::Rmse, Metric::Rel] {
             let (table, lines) = self.errors(metric)?;
             section.tables.push(table);
-            let drawing = Chart {
-                title: metric.label(),
-                across: "sparse points",
-                up: &super::points::axis(metric),
-                scales: Scales::Logarithmic,
-                lines,
-            };
             let caption = format!("{} against the number of points.", metric.label());
-            section.show(metric.key(), &caption, drawing.draw());
+            show_by_count(&mut section, metric.key(), &caption, metric, lines);
         }
         section.tables.push(self.costs()?);
         section.notes.extend(self.missing.iter().cloned());

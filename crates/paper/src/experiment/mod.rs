@@ -6,6 +6,7 @@ mod benchmark;
 mod context;
 mod cost;
 mod diode;
+mod frames;
 mod kernels;
 mod knowledge;
 mod noise;
@@ -14,6 +15,7 @@ mod published;
 mod resolution;
 mod scale;
 mod systems;
+mod tables;
 #[cfg(test)]
 mod tests;
 mod trial;
@@ -97,12 +99,12 @@ impl Experiment {
         Ok(match self {
             Self::Benchmark => Box::new(benchmark::Benchmark::new(context)),
             Self::Ablation => Box::new(ablation::Ablation::new(context)?),
-            Self::Points => Box::new(points::Points::new(context)),
-            Self::Scale => Box::new(scale::Scale::new(context)),
+            Self::Points => Box::new(points::PointsStudy::new(context)),
+            Self::Scale => Box::new(scale::ScaleStudy::new(context)),
             Self::Noise => Box::new(noise::NoiseStudy::new(context)),
             Self::Uncertainty => Box::new(uncertainty::Uncertainty::new(context)),
             Self::Knowledge => Box::new(knowledge::Knowledge::new(context)),
-            Self::Kernels => Box::new(kernels::Kernels::new(context)),
+            Self::Kernels => Box::new(kernels::KernelsStudy::new(context)),
             Self::Resolution => Box::new(resolution::Resolution::new(context)),
             Self::Diode => Box::new(diode::Diode::new(context)?),
             Self::Cost => Box::new(cost::Cost::new(context)),
@@ -113,11 +115,11 @@ impl Experiment {
 
 /// What happens while experiments run.
 #[derive(Clone, Copy, Debug)]
-pub enum Event<'a> {
+pub enum ExperimentEvent<'a> {
     /// So many results of an earlier run of the same experiments are used again.
     Resumed(usize),
-    /// A part is tried for a moment, to know how long it will take.
-    Trying {
+    /// A part runs for a moment, to estimate its time.
+    Estimating {
         /// Parts before it.
         done: usize,
         /// Parts in all.
@@ -126,7 +128,7 @@ pub enum Event<'a> {
         trial: &'a str,
     },
     /// It will take this long from now.
-    Announced(Duration),
+    Estimated(Duration),
     /// A part goes on.
     Progress {
         /// Estimated time behind us, of parts as long as they were announced.
@@ -138,7 +140,7 @@ pub enum Event<'a> {
     },
 }
 
-/// Runs experiments, writes what each found into the folder of `context`, and returns it; nothing if `tell`
+/// Runs experiments, writes what each found into the folder of `context`, and returns it; nothing if `report`
 /// broke off: then the same call goes on.
 ///
 /// # Errors
@@ -147,7 +149,7 @@ pub enum Event<'a> {
 pub fn run(
     experiments: &[Experiment],
     context: &ExperimentContext,
-    mut tell: impl FnMut(Event<'_>) -> ControlFlow<()>,
+    mut report: impl FnMut(ExperimentEvent<'_>) -> ControlFlow<()>,
 ) -> Result<Option<Vec<Section>>> {
     for folder in [&context.folder, &context.trials(), &context.runs()] {
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
@@ -158,28 +160,28 @@ pub fn run(
         .collect::<Result<_>>()?;
     let trials: Vec<&dyn Trial> = studies.iter().flat_map(|study| study.trials()).collect();
 
-    let mut kept = 0;
+    let mut resumed = 0;
     for trial in &trials {
-        kept += trial.kept()?;
+        resumed += trial.stored()?;
     }
-    if kept > 0 && tell(Event::Resumed(kept)).is_break() {
+    if resumed > 0 && report(ExperimentEvent::Resumed(resumed)).is_break() {
         return Ok(None);
     }
 
     let mut left = Vec::with_capacity(trials.len());
     for (done, trial) in trials.iter().enumerate() {
-        let trying = Event::Trying {
+        let estimating = ExperimentEvent::Estimating {
             done,
             total: trials.len(),
             trial: trial.name(),
         };
-        if tell(trying).is_break() {
+        if report(estimating).is_break() {
             return Ok(None);
         }
-        left.push(try_out(*trial, context.trial)?);
+        left.push(estimate(*trial, context.probe_time)?);
     }
     let total = left.iter().sum();
-    if tell(Event::Announced(total)).is_break() {
+    if report(ExperimentEvent::Estimated(total)).is_break() {
         return Ok(None);
     }
     let mut before = Duration::ZERO;
@@ -189,7 +191,7 @@ pub fn run(
         trial.run(&mut |share| {
             let start = *start.get_or_insert(share);
             let part = (share - start) / (1.0 - start).max(f64::EPSILON);
-            let flow = tell(Event::Progress {
+            let flow = report(ExperimentEvent::Progress {
                 done: before + left.mul_f64(part.clamp(0.0, 1.0)),
                 total,
                 trial: trial.name(),
@@ -207,7 +209,7 @@ pub fn run(
         .map(|study| {
             let mut section = study.section()?;
             for trial in study.trials() {
-                section.leave_out(trial.failures()?);
+                section.add_failures(trial.failures()?);
             }
             Ok(section)
         })
@@ -219,7 +221,7 @@ pub fn run(
 }
 
 /// Lets a part go on for a moment; how long the rest of it will take. What the trial measures is kept.
-fn try_out(trial: &dyn Trial, limit: Duration) -> Result<Duration> {
+fn estimate(trial: &dyn Trial, limit: Duration) -> Result<Duration> {
     let mut first: Option<(Instant, f64)> = None;
     let mut left = Duration::ZERO;
     trial.run(&mut |share| {
@@ -241,7 +243,7 @@ fn try_out(trial: &dyn Trial, limit: Duration) -> Result<Duration> {
 ///
 /// # Errors
 /// The records cannot be removed.
-pub fn forget(folder: &Path) -> Result<()> {
+pub fn remove_results(folder: &Path) -> Result<()> {
     for name in ["cells", "runs"] {
         let path = folder.join(name);
         if path.exists() {

@@ -1,11 +1,11 @@
 //! Wrong points, with and without robust losses (Fang et al., section 4.4).
 
-use super::benchmark::{RIVALS, all};
+use super::benchmark::{BASELINES, all};
 use super::trial::{Measured, Trial};
-use super::{ExperimentContext, Study, published};
+use super::{ExperimentContext, Study, published, tables};
 use lsdc_core::fit::{Loss, Robust};
 use lsdc_eval::metrics::{Metric, Scores};
-use lsdc_eval::report::{Column, Contest, Panels, Row, Section, Table};
+use lsdc_eval::report::{Column, Panels, Ranking, Row, Section, Table};
 use lsdc_eval::sampling::{Noise, Pattern};
 use lsdc_files::error::Result;
 
@@ -115,16 +115,8 @@ impl Study for NoiseStudy<'_> {
         let noisy = self.noisy.means()?;
         let row = |label: &str, clean: &Scores, noisy: &Scores| {
             let (before, after) = (clean[Metric::Rmse], noisy[Metric::Rmse]);
-            Row {
-                label: label.to_owned(),
-                aside: false,
-                values: vec![
-                    Some(before),
-                    Some(after),
-                    Some(100.0 * (after / before - 1.0)),
-                    Some(noisy[Metric::Rel]),
-                ],
-            }
+            let more = 100.0 * (after / before - 1.0);
+            tables::row(label, [before, after, more, noisy[Metric::Rel]].map(Some))
         };
         let mut rows = Vec::new();
         for ((name, clean), (_, noisy)) in clean.iter().zip(&noisy) {
@@ -132,10 +124,14 @@ impl Study for NoiseStudy<'_> {
         }
         let mut ours = Vec::new();
         for (loss, trial) in &self.robust {
-            ours.push(row(&robust_name(*loss), &clean[0].1, &trial.first()?));
+            ours.push(row(
+                &robust_name(*loss),
+                &clean[0].1,
+                &trial.first_scores()?,
+            ));
         }
-        let mut rivals = vec![ours.iter().find(|r| r.label == robust_name(OURS)).cloned()];
-        rivals.extend(rows.iter().skip(1).cloned().map(Some));
+        let mut baselines = vec![ours.iter().find(|r| r.label == robust_name(OURS)).cloned()];
+        baselines.extend(rows.iter().skip(1).cloned().map(Some));
         rows.splice(1..1, ours);
         let [before, after, irls] = published::NOISE;
         let more = |value: f64| Some(100.0 * (value / before - 1.0));
@@ -148,29 +144,24 @@ impl Study for NoiseStudy<'_> {
         }
         let table = Table {
             title: "Errors with wrong points".into(),
-            rows_are: "method".into(),
-            contest: Contest::Rows,
+            row_header: "method".into(),
+            ranking: Ranking::Rows,
             columns: vec![
                 Column::named("RMSE, clean points", Metric::Rmse),
                 Column::named("RMSE", Metric::Rmse),
-                Column {
-                    label: "more than clean".into(),
-                    unit: "%",
-                    decimals: 1,
-                    rising: false,
-                },
+                tables::column("more than clean", "%", 1),
                 Column::of(Metric::Rel),
             ],
             rows,
         };
-        let beside_rivals = Table {
+        let beside_baselines = Table {
             title: "With wrong points, beside methods without robust losses".into(),
-            rows: rivals.into_iter().flatten().collect(),
+            rows: baselines.into_iter().flatten().collect(),
             ..table.clone()
         };
         section
             .findings
-            .extend(beside_rivals.verdict(&robust_name(OURS)));
+            .extend(beside_baselines.ranking_summary(&robust_name(OURS)));
         section.about.push(
             "Robust rows are fitted to wrong points; their clean error is that of the plain fit."
                 .into(),
@@ -217,12 +208,12 @@ impl NoiseStudy<'_> {
             }
         }
         let others = self.noisy.exhibit(&frame, seed)?.predictions.into_iter();
-        let rival = |name: &str| RIVALS[..2].iter().any(|method| method.name() == name);
+        let is_baseline = |name: &str| BASELINES[..2].iter().any(|method| method.name() == name);
         exhibit
             .predictions
-            .extend(others.filter(|(name, ..)| rival(name)));
+            .extend(others.filter(|(name, ..)| is_baseline(name)));
         let caption = "The frame on which lsdc without a robust loss is neither good nor bad.";
-        section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
+        section.add_figure("frame", caption, Panels::of_example(&exhibit).draw());
         Ok(())
     }
 }
@@ -236,18 +227,15 @@ fn compared(
     let row = |(loss, trials): (Option<Loss>, &Vec<Measured<'_>>)| -> Result<Row> {
         let values = trials
             .iter()
-            .map(|trial| Ok(Some(trial.first()?[Metric::Rmse])));
-        Ok(Row {
-            label: loss.map_or("lsdc".into(), robust_name),
-            aside: false,
-            values: values.collect::<Result<_>>()?,
-        })
+            .map(|trial| Ok(Some(trial.first_scores()?[Metric::Rmse])));
+        let label = loss.map_or("lsdc".into(), robust_name);
+        Ok(tables::row(label, values.collect::<Result<Vec<_>>>()?))
     };
     let rows = COMPARED.into_iter().zip(trials).map(row);
     Ok(Table {
         title: title.into(),
-        rows_are: "method".into(),
-        contest: Contest::Rows,
+        row_header: "method".into(),
+        ranking: Ranking::Rows,
         columns: labels
             .map(|label| Column::named(&label, Metric::Rmse))
             .collect(),

@@ -1,21 +1,22 @@
 //! Errors against the number of points.
 
 use super::benchmark;
-use super::trial::{Measured, Trial};
+use super::tables::{line, row, show_by_count};
+use super::trial::{Measured, Trial, as_trials};
 use super::{ExperimentContext, Study};
 use lsdc_eval::metrics::Metric;
-use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
+use lsdc_eval::report::{Column, Line, Ranking, Section, Table};
 use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::Result;
 
 const COUNTS: [usize; 9] = [50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000];
 
-pub(super) struct Points<'a> {
+pub(super) struct PointsStudy<'a> {
     context: &'a ExperimentContext,
     trials: Vec<Measured<'a>>,
 }
 
-impl<'a> Points<'a> {
+impl<'a> PointsStudy<'a> {
     pub(super) fn new(context: &'a ExperimentContext) -> Self {
         let trial = |count: usize| {
             Measured::new(context, format!("points-{count}"))
@@ -29,12 +30,9 @@ impl<'a> Points<'a> {
     }
 }
 
-impl Study for Points<'_> {
+impl Study for PointsStudy<'_> {
     fn trials(&self) -> Vec<&dyn Trial> {
-        self.trials
-            .iter()
-            .map(|trial| trial as &dyn Trial)
-            .collect()
+        as_trials(&self.trials)
     }
 
     fn section(&self) -> Result<Section> {
@@ -42,17 +40,10 @@ impl Study for Points<'_> {
         section.about.push(self.context.about());
         for metric in [Metric::Rmse, Metric::Rel] {
             let labels = COUNTS.map(|count| (count.to_string(), count as f64));
-            let (table, chart) = compare(metric, &labels, "points", &self.trials)?;
-            section.judge(table, "lsdc");
-            let drawing = Chart {
-                title: metric.label(),
-                across: "sparse points",
-                up: &axis(metric),
-                scales: Scales::Logarithmic,
-                lines: chart,
-            };
+            let (table, lines) = compare(metric, &labels, "points", &self.trials)?;
+            section.add_ranked_table(table, "lsdc");
             let caption = format!("{} against the number of points.", metric.label());
-            section.show(metric.key(), &caption, drawing.draw());
+            show_by_count(&mut section, metric.key(), &caption, metric, lines);
         }
         section.notes.push(
             "Of the paper, 0.148 m at 500 and 0.129 m at 1000 points are known; below N its fit cannot \
@@ -68,7 +59,7 @@ impl Study for Points<'_> {
 pub(super) fn compare(
     metric: Metric,
     conditions: &[(String, f64)],
-    rows_are: &str,
+    row_header: &str,
     trials: &[Measured<'_>],
 ) -> Result<(Table, Vec<Line>)> {
     let mut names = Vec::new();
@@ -81,33 +72,17 @@ pub(super) fn compare(
         for (curve, (_, scores)) in curves.iter_mut().zip(&means) {
             curve.push((*at, scores[metric]));
         }
-        rows.push(Row {
-            label: label.clone(),
-            aside: false,
-            values: means.iter().map(|(_, s)| Some(s[metric])).collect(),
-        });
+        let values: Vec<_> = means.iter().map(|(_, s)| Some(s[metric])).collect();
+        rows.push(row(label, values));
     }
     let lines = names.iter().zip(curves).enumerate();
-    let lines = lines.map(|(colour, (name, points))| Line {
-        name: Some(name.clone()),
-        colour,
-        dashed: false,
-        points,
-    });
+    let lines = lines.map(|(colour, (name, points))| line(name, colour, points));
     let table = Table {
         title: metric.label().to_owned(),
-        rows_are: rows_are.to_owned(),
-        contest: Contest::Columns,
+        row_header: row_header.to_owned(),
+        ranking: Ranking::Columns,
         columns: names.iter().map(|n| Column::named(n, metric)).collect(),
         rows,
     };
     Ok((table, lines.collect()))
-}
-
-/// The name of an axis, with its unit.
-pub(super) fn axis(metric: Metric) -> String {
-    match metric.unit() {
-        "" => metric.label().to_owned(),
-        unit => format!("{}, {unit}", metric.label()),
-    }
 }

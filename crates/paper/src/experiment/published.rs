@@ -100,7 +100,7 @@ pub(super) const TABLE_5_NOTES: [&str; 1] =
 type Scores = (f64, f64, Option<f64>);
 
 /// What was published of a system on NYU Depth v2.
-pub(super) struct System {
+pub(super) struct PublishedSystem {
     pub(super) kind: SystemKind,
     /// By name.
     pub(super) rows: &'static [(&'static str, Scores)],
@@ -109,8 +109,8 @@ pub(super) struct System {
 }
 
 /// Of the three systems.
-pub(super) const SYSTEMS: [System; 3] = [
-    System {
+pub(super) const SYSTEMS: [PublishedSystem; 3] = [
+    PublishedSystem {
         kind: SystemKind::S2d,
         rows: &[
             (
@@ -124,12 +124,12 @@ pub(super) const SYSTEMS: [System; 3] = [
         ],
         training: "20 epochs of 47,584 frames, 59,480 steps of 16",
     },
-    System {
+    PublishedSystem {
         kind: SystemKind::Cspn,
         rows: &[("CSPN, 500 points (its README)", (0.117, 0.016, None))],
         training: "40 epochs of 47,584 frames, 237,920 steps of 8",
     },
-    System {
+    PublishedSystem {
         kind: SystemKind::Lsk,
         rows: &[("LSK, 500 points (table 1)", (0.198, 0.034, Some(97.73)))],
         training: "40 epochs of the frames of sparse-to-dense",
@@ -149,7 +149,7 @@ pub(super) const SYSTEMS_NOTES: [&str; 5] = [
 pub(super) fn row(label: &str, values: Vec<Option<f64>>) -> Row {
     Row {
         label: label.to_owned(),
-        aside: true,
+        unranked: true,
         values,
     }
 }

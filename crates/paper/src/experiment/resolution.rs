@@ -1,12 +1,12 @@
 //! Depth at three times the resolution of the image (Fang et al., section 4.5, table 3).
 
-use super::benchmark::RIVALS;
+use super::benchmark::BASELINES;
 use super::trial::{Measured, Trial};
-use super::{ExperimentContext, Study, published};
+use super::{ExperimentContext, Study, published, tables};
 use lsdc_eval::evaluation::{Candidate, Enlargement};
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::predict::Method;
-use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_eval::report::{Row, Section};
 use lsdc_eval::sampling::{Interpolation, Pattern, Protocol, Size};
 use lsdc_files::error::Result;
 
@@ -44,7 +44,7 @@ impl<'a> Resolution<'a> {
             enlarged("lsdc".into(), Method::Lsdc, Enlargement::Bases),
             enlarged("lsdc, bilinear".into(), Method::Lsdc, Enlargement::Bilinear),
         ];
-        for method in RIVALS {
+        for method in BASELINES {
             let name = format!("{}, bilinear", method.name());
             methods.push(enlarged(name, method, Enlargement::Bilinear));
         }
@@ -58,7 +58,7 @@ impl<'a> Resolution<'a> {
                     plain("lsdc, the paper's fit", Enlargement::Bases),
                     plain("lsdc, the paper's fit, bilinear", Enlargement::Bilinear),
                 ])
-                .plain(),
+                .paper_fit(),
         }
     }
 }
@@ -104,22 +104,17 @@ impl Study for Resolution<'_> {
         for (name, scores) in self.small.means()?.iter().chain(&self.plain.means()?) {
             rows.push(Row::of(name, scores, &METRICS));
         }
-        let mut table = Table {
-            title: "Errors at 360x480".into(),
-            rows_are: "method".into(),
-            contest: Contest::Rows,
-            columns: METRICS.iter().map(|&m| Column::of(m)).collect(),
-            rows,
-        };
-        let unfair = table
+        let mut table = tables::of_methods("Errors at 360x480", &METRICS, rows);
+        let unranked_row = table
             .rows
             .iter()
             .position(|row| row.label == "lsdc, large image");
-        let unfair = unfair.map(|at| table.rows.remove(at));
-        section.findings.extend(table.verdict("lsdc"));
-        table
-            .rows
-            .extend(unfair.map(|row| Row { aside: true, ..row }));
+        let unranked_row = unranked_row.map(|at| table.rows.remove(at));
+        section.findings.extend(table.ranking_summary("lsdc"));
+        table.rows.extend(unranked_row.map(|row| Row {
+            unranked: true,
+            ..row
+        }));
         for (name, [rmse, rel]) in published::TABLE_3 {
             let values = vec![Some(rmse), Some(rel), None, None];
             table.rows.push(published::row(name, values));

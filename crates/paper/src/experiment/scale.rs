@@ -1,15 +1,14 @@
 //! Errors against the scale of the depths.
 
-use super::points::{axis, compare};
-use super::trial::{Measured, Trial};
+use super::frames::scaled;
+use super::points::compare;
+use super::tables::axis;
+use super::trial::{Measured, Trial, as_trials};
 use super::{ExperimentContext, Study};
-use lsdc_eval::data::{Dataset, DepthMap, Frame, FrameId};
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::predict::{Classic, Method};
-use lsdc_eval::report::{Chart, Scales, Section};
+use lsdc_eval::report::{AxisScales, Chart, Section};
 use lsdc_files::error::Result;
-use std::path::PathBuf;
-use std::sync::Arc;
 
 const FACTORS: [f32; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0];
 
@@ -19,21 +18,18 @@ const METHODS: [Method; 3] = [
     Method::Classic(Classic::Smooth),
 ];
 
-pub(super) struct Scale<'a> {
+pub(super) struct ScaleStudy<'a> {
     context: &'a ExperimentContext,
     trials: Vec<Measured<'a>>,
 }
 
-impl<'a> Scale<'a> {
+impl<'a> ScaleStudy<'a> {
     pub(super) fn new(context: &'a ExperimentContext) -> Self {
         let trial = |factor: f32| {
-            let frames = Arc::new(Scaled {
-                frames: context.frames.clone(),
-                factor,
-            });
+            let frames = scaled(context.frames.clone(), factor);
             Measured::new(context, format!("scale-{factor}"))
                 .methods(&METHODS)
-                .on(format!("{} x {factor}", context.dataset), frames)
+                .on_frames(format!("{} x {factor}", context.dataset), frames)
         };
         Self {
             context,
@@ -42,12 +38,9 @@ impl<'a> Scale<'a> {
     }
 }
 
-impl Study for Scale<'_> {
+impl Study for ScaleStudy<'_> {
     fn trials(&self) -> Vec<&dyn Trial> {
-        self.trials
-            .iter()
-            .map(|trial| trial as &dyn Trial)
-            .collect()
+        as_trials(&self.trials)
     }
 
     fn section(&self) -> Result<Section> {
@@ -58,7 +51,7 @@ impl Study for Scale<'_> {
         ));
         let labels = FACTORS.map(|factor| (factor.to_string(), f64::from(factor)));
         let (table, lines) = compare(Metric::Rel, &labels, "factor", &self.trials)?;
-        section.findings.extend(table.verdict("lsdc"));
+        section.findings.extend(table.ranking_summary("lsdc"));
         let ours: Vec<f64> = table.rows.iter().filter_map(|row| row.values[0]).collect();
         let most = ours.iter().copied().fold(f64::MIN, f64::max);
         let least = ours.iter().copied().fold(f64::MAX, f64::min);
@@ -69,57 +62,16 @@ impl Study for Scale<'_> {
         section.tables.push(table);
         let drawing = Chart {
             title: "REL against the scale of the depths",
-            across: "factor",
-            up: &axis(Metric::Rel),
-            scales: Scales::LogarithmicAcross,
+            x_label: "factor",
+            y_label: &axis(Metric::Rel),
+            scales: AxisScales::LogX,
             lines,
         };
-        section.show(
+        section.add_figure(
             "rel",
             "A level line is a method without a scale of its own.",
             drawing.draw(),
         );
         Ok(section)
-    }
-}
-
-/// Frames whose depths are multiplied.
-pub(super) struct Scaled {
-    pub(super) frames: Arc<dyn Dataset>,
-    pub(super) factor: f32,
-}
-
-impl Dataset for Scaled {
-    fn about(&self) -> String {
-        format!("{}, depths x {}", self.frames.about(), self.factor)
-    }
-
-    fn protocol(&self) -> &'static str {
-        self.frames.protocol()
-    }
-
-    fn len(&self) -> usize {
-        self.frames.len()
-    }
-
-    fn id(&self, index: usize) -> FrameId {
-        self.frames.id(index)
-    }
-
-    fn files(&self, index: usize) -> Vec<PathBuf> {
-        self.frames.files(index)
-    }
-
-    fn load(&self, index: usize) -> Result<Frame> {
-        let frame = self.frames.load(index)?;
-        let scaled = |map: &DepthMap| {
-            let values = map.values().iter().map(|d| d * self.factor).collect();
-            DepthMap::new(map.width(), map.height(), values)
-        };
-        Ok(Frame {
-            depth: scaled(&frame.depth)?,
-            sparse: frame.sparse.as_ref().map(scaled).transpose()?,
-            ..frame
-        })
     }
 }

@@ -6,7 +6,7 @@ use lsdc_core::fit::FitConfig;
 use lsdc_core::network::{ExtractorConfig, NetworkConfig};
 use lsdc_eval::data::{Dataset, Frame, FrameId, Rooms, RoomsConfig, Split};
 use lsdc_eval::metrics::Rules;
-use lsdc_eval::sampling::{Pattern, Preset, Protocol};
+use lsdc_eval::sampling::{Pattern, Protocol, ProtocolPreset};
 use lsdc_train::sample::SupervisionConfig;
 use lsdc_train::training::TrainConfig;
 use std::sync::Arc;
@@ -20,9 +20,9 @@ pub(super) fn context(folder: &Path) -> ExperimentContext {
         ..RoomsConfig::default()
     };
     let completer = Completer::new(&lsdc_core::Weights::builtin()).unwrap();
-    let preset = Preset {
+    let preset = ProtocolPreset {
         points: Pattern::Exactly(100),
-        ..Preset::named("full").unwrap()
+        ..ProtocolPreset::named("full").unwrap()
     };
     let train = TrainConfig {
         steps: 2,
@@ -72,11 +72,11 @@ pub(super) fn context(folder: &Path) -> ExperimentContext {
         },
         device: (Device::flex(), "cpu".into()),
         place: serde_json::Value::Null,
-        trial: Duration::ZERO,
+        probe_time: Duration::ZERO,
     }
 }
 
-pub(super) fn go_on(_: Event<'_>) -> ControlFlow<()> {
+pub(super) fn go_on(_: ExperimentEvent<'_>) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
@@ -154,7 +154,7 @@ fn a_folder_of_other_settings_is_refused() {
     assert!(run(&[Experiment::Scale], &other, go_on).is_err());
     // Every constant of the fit counts, and where the frames lie.
     let mut fit = *first.completer.fit_config();
-    fit.joint.data *= 2.0;
+    fit.joint.observation_precision *= 2.0;
     let refit = ExperimentContext {
         completer: first.completer.clone().with_fit(fit),
         ..context(folder.path())
@@ -169,7 +169,7 @@ fn a_folder_of_other_settings_is_refused() {
     }
     let mut resumed = 0;
     run(&[Experiment::Scale], &first, |event| {
-        if let Event::Resumed(count) = event {
+        if let ExperimentEvent::Resumed(count) = event {
             resumed = count;
         }
         ControlFlow::Continue(())
@@ -190,7 +190,7 @@ fn a_folder_of_other_settings_is_refused() {
     let mut longer = context(folder.path());
     longer.recipe.train.steps += 1;
     assert!(run(&[Experiment::Ablation], &longer, go_on).is_err());
-    forget(folder.path()).unwrap();
+    remove_results(folder.path()).unwrap();
     assert!(run(&[Experiment::Scale], &other, go_on).unwrap().is_some());
 }
 
@@ -212,8 +212,8 @@ fn experiments_without_their_data_say_so() {
 struct Torn(Rooms);
 
 impl Dataset for Torn {
-    fn about(&self) -> String {
-        self.0.about()
+    fn description(&self) -> String {
+        self.0.description()
     }
 
     fn len(&self) -> usize {

@@ -7,12 +7,12 @@ use lsdc_core::network::NetworkConfig;
 use lsdc_eval::data::{Dataset, GuideSource, Shard, write_atomically};
 use lsdc_eval::evaluation::{Candidate, Evaluation, Journal};
 use lsdc_eval::metrics::Scores;
-use lsdc_eval::predict::Method;
-use lsdc_eval::report::{Exhibit, Failure, Heading, Panels, Report, Section};
-use lsdc_eval::sampling::{Noise, Pattern, Preset, Protocol};
+use lsdc_eval::predict::{Guides, Method};
+use lsdc_eval::report::{EvaluationReport, ExampleFrame, Failure, Heading, Panels, Section};
+use lsdc_eval::sampling::{Noise, Pattern, Protocol, ProtocolPreset};
 use lsdc_files::error::{Error, Result};
 use lsdc_train::predict::open_completer;
-use lsdc_train::training::{Event, Outcome, Subject, TrainConfig, Trainer};
+use lsdc_train::training::{RunOutcome, Subject, TrainConfig, Trainer, TrainingEvent};
 use lsdc_weights::provenance::{self, differences};
 use lsdc_weights::weights_hash;
 use serde_json::{Value, json};
@@ -30,7 +30,7 @@ pub(super) trait Trial {
     fn name(&self) -> &str;
 
     /// The number of results that an earlier run has left.
-    fn kept(&self) -> Result<usize>;
+    fn stored(&self) -> Result<usize>;
 
     /// Goes on with what is left to do.
     fn run(&self, progress: &mut Progress<'_>) -> Result<()>;
@@ -50,6 +50,11 @@ pub(super) trait Study {
     fn section(&self) -> Result<Section>;
 }
 
+/// The trials of a study that has one kind of them.
+pub(super) fn as_trials<T: Trial>(trials: &[T]) -> Vec<&dyn Trial> {
+    trials.iter().map(|trial| trial as &dyn Trial).collect()
+}
+
 /// Methods measured on frames.
 pub(super) struct Measured<'a> {
     context: &'a ExperimentContext,
@@ -61,7 +66,7 @@ pub(super) struct Measured<'a> {
     weights: String,
     guides: Option<GuideSource>,
     candidates: Vec<(String, Candidate)>,
-    followed: String,
+    protocol_name: String,
     protocol: Protocol,
     points: Pattern,
     noise: Option<Noise>,
@@ -80,7 +85,7 @@ impl<'a> Measured<'a> {
             weights: context.weights.clone(),
             guides: None,
             candidates: vec![("lsdc".to_owned(), Candidate::Method(Method::Lsdc))],
-            followed: format!("{}: {}", context.preset.name, context.preset.source),
+            protocol_name: format!("{}: {}", context.preset.name, context.preset.source),
             protocol: context.preset.protocol,
             points: context.preset.points.clone(),
             noise: None,
@@ -100,7 +105,7 @@ impl<'a> Measured<'a> {
         self
     }
 
-    pub(super) fn beside(
+    pub(super) fn with_candidates(
         mut self,
         candidates: impl IntoIterator<Item = (String, Candidate)>,
     ) -> Self {
@@ -124,28 +129,28 @@ impl<'a> Measured<'a> {
         self
     }
 
-    /// How well its standard deviations tell its errors, too.
+    /// Measures its standard deviations too.
     pub(super) fn uncertainty(mut self) -> Self {
         self.uncertainty = true;
         self
     }
 
-    pub(super) fn on(mut self, dataset: String, frames: Arc<dyn Dataset>) -> Self {
+    pub(super) fn on_frames(mut self, dataset: String, frames: Arc<dyn Dataset>) -> Self {
         (self.dataset, self.frames) = (dataset, frames);
         self
     }
 
-    pub(super) fn protocol(mut self, preset: &Preset) -> Self {
-        self.followed = format!("{}: {}", preset.name, preset.source);
+    pub(super) fn protocol(mut self, preset: &ProtocolPreset) -> Self {
+        self.protocol_name = format!("{}: {}", preset.name, preset.source);
         self.protocol = preset.protocol;
         self.points = preset.points.clone();
         self
     }
 
     /// The same protocol at another size.
-    pub(super) fn resized(mut self, protocol: Protocol, followed: &str) -> Self {
+    pub(super) fn resized(mut self, protocol: Protocol, protocol_name: &str) -> Self {
         self.protocol = protocol;
-        followed.clone_into(&mut self.followed);
+        protocol_name.clone_into(&mut self.protocol_name);
         self
     }
 
@@ -157,7 +162,7 @@ impl<'a> Measured<'a> {
     }
 
     /// The paper's fit of the same basis functions.
-    pub(super) fn plain(self) -> Self {
+    pub(super) fn paper_fit(self) -> Self {
         self.fit(|fit| {
             fit.method = FitMethod::Lse;
             fit.prior = PriorKind::None;
@@ -175,7 +180,7 @@ impl<'a> Measured<'a> {
             frames: &*self.frames,
             candidates: self.candidates.clone(),
             completer: Some(&self.completer),
-            guides: self.guides.as_ref(),
+            guides: self.guides.as_ref().map(Guides::Files),
             protocol: self.protocol,
             points: self.points.clone(),
             hold_out: None,
@@ -191,7 +196,7 @@ impl<'a> Measured<'a> {
     fn heading(&self, evaluation: &Evaluation<'_>) -> Result<Heading> {
         let weights = format!("{}; {}", self.weights, self.completer.fit_config());
         let inputs = json!({ "weights": self.weights });
-        evaluation.heading(&self.dataset, &self.followed, Some(weights), inputs)
+        evaluation.heading(&self.dataset, &self.protocol_name, Some(weights), inputs)
     }
 
     fn journal(&self, heading: &Heading) -> Result<Journal> {
@@ -199,7 +204,7 @@ impl<'a> Measured<'a> {
         Journal::open(&path, heading, &self.context.place)
     }
 
-    fn go_on(&self, progress: &mut Progress<'_>) -> Result<Report> {
+    fn resume(&self, progress: &mut Progress<'_>) -> Result<EvaluationReport> {
         let evaluation = self.evaluation();
         let heading = self.heading(&evaluation)?;
         let journal = self.journal(&heading)?;
@@ -209,8 +214,8 @@ impl<'a> Measured<'a> {
     }
 
     /// What was measured.
-    pub(super) fn report(&self) -> Result<Report> {
-        self.go_on(&mut |_| ControlFlow::Continue(()))
+    pub(super) fn report(&self) -> Result<EvaluationReport> {
+        self.resume(&mut |_| ControlFlow::Continue(()))
     }
 
     /// Each method's name and mean scores.
@@ -221,7 +226,7 @@ impl<'a> Measured<'a> {
     }
 
     /// The mean scores of its first method.
-    pub(super) fn first(&self) -> Result<Scores> {
+    pub(super) fn first_scores(&self) -> Result<Scores> {
         let means = self.means()?;
         means
             .first()
@@ -232,7 +237,7 @@ impl<'a> Measured<'a> {
     /// The frame with the first method's median RMSE.
     pub(super) fn median_frame(&self) -> Result<Option<(String, u64)>> {
         let report = self.report()?;
-        let remarkable = report.remarkable();
+        let remarkable = report.example_frames();
         let frame = remarkable
             .iter()
             .find(|(role, ..)| *role == "median")
@@ -242,21 +247,26 @@ impl<'a> Measured<'a> {
 
     /// Adds a picture of that frame.
     pub(super) fn show(&self, section: &mut Section, caption: &str) -> Result<()> {
-        self.show_as(section, "frame", caption)
+        self.show_named(section, "frame", caption)
     }
 
     /// The same under another name.
-    pub(super) fn show_as(&self, section: &mut Section, name: &str, caption: &str) -> Result<()> {
+    pub(super) fn show_named(
+        &self,
+        section: &mut Section,
+        name: &str,
+        caption: &str,
+    ) -> Result<()> {
         if let Some((frame, seed)) = self.median_frame()? {
             let exhibit = self.exhibit(&frame, seed)?;
-            section.show(name, caption, Panels::of_exhibit(&exhibit).draw());
+            section.add_figure(name, caption, Panels::of_example(&exhibit).draw());
         }
         Ok(())
     }
 
     /// A frame with all predictions.
-    pub(super) fn exhibit(&self, frame: &str, seed: u64) -> Result<Exhibit> {
-        self.evaluation().exhibit("median", frame, seed)
+    pub(super) fn exhibit(&self, frame: &str, seed: u64) -> Result<ExampleFrame> {
+        self.evaluation().example("median", frame, seed)
     }
 }
 
@@ -265,13 +275,13 @@ impl Trial for Measured<'_> {
         &self.name
     }
 
-    fn kept(&self) -> Result<usize> {
+    fn stored(&self) -> Result<usize> {
         let heading = self.heading(&self.evaluation())?;
         Ok(self.journal(&heading)?.len())
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
-        self.go_on(progress).map(|_| ())
+        self.resume(progress).map(|_| ())
     }
 
     fn failures(&self) -> Result<Vec<Failure>> {
@@ -280,7 +290,7 @@ impl Trial for Measured<'_> {
 }
 
 /// A network trained and then measured.
-pub(super) struct Trained<'a> {
+pub(super) struct TrainedNetwork<'a> {
     context: &'a ExperimentContext,
     name: String,
     pub(super) network: NetworkConfig,
@@ -293,7 +303,7 @@ pub(super) const EPOCHS: usize = 8;
 /// How much of the time of a step of training the measuring of a frame takes, roughly.
 const FRAME: f64 = 0.2;
 
-impl<'a> Trained<'a> {
+impl<'a> TrainedNetwork<'a> {
     pub(super) fn new(
         context: &'a ExperimentContext,
         name: impl Into<String>,
@@ -317,7 +327,7 @@ impl<'a> Trained<'a> {
         self.folder().join("weights.safetensors")
     }
 
-    fn train(&self, progress: &mut dyn FnMut(usize) -> ControlFlow<()>) -> Result<Outcome> {
+    fn train(&self, progress: &mut dyn FnMut(usize) -> ControlFlow<()>) -> Result<RunOutcome> {
         let trainer = Trainer::new(
             &self.folder(),
             self.network.clone(),
@@ -340,7 +350,7 @@ impl<'a> Trained<'a> {
     }
 
     /// Refuses to go on with, or to measure, a training by other settings.
-    fn keep_to_recipe(&self) -> Result<()> {
+    fn check_recipe(&self) -> Result<()> {
         let folder = self.folder();
         let config = self.config();
         let start = config.start.as_deref();
@@ -356,7 +366,7 @@ impl<'a> Trained<'a> {
             "frames": lsdc_eval::data::frames_record(&*self.frames),
             "place": self.context.place,
         });
-        keep_to(&folder, &recipe)
+        check_or_write_recipe(&folder, &recipe)
     }
 
     /// Whether its weights are there.
@@ -373,19 +383,19 @@ impl<'a> Trained<'a> {
     pub(super) fn measured_as(&self, name: &str) -> Result<Measured<'a>> {
         let weights = self.weights();
         let completer = open_completer(Some(&weights), &self.context.device.0)?;
-        let words = format!("trained, {}", weights_hash(Some(&weights))?);
-        Ok(Measured::new(self.context, name).completer(completer, words))
+        let label = format!("trained, {}", weights_hash(Some(&weights))?);
+        Ok(Measured::new(self.context, name).completer(completer, label))
     }
 }
 
-/// Trains until all steps are made, or `progress`, which hears their number, breaks off.
+/// Trains until all steps are made, or `progress`, which gets their number, breaks off.
 pub(super) fn train<S: Subject>(
     trainer: &Trainer<S>,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
-) -> Result<Outcome> {
+) -> Result<RunOutcome> {
     let stop = AtomicBool::new(false);
     trainer.run(&stop, |event| {
-        if let Event::Step { step, .. } = event
+        if let TrainingEvent::Step { step, .. } = event
             && progress(*step).is_break()
         {
             stop.store(true, Ordering::Relaxed);
@@ -394,7 +404,7 @@ pub(super) fn train<S: Subject>(
 }
 
 /// Writes what a training in a folder is made from; refuses the folder of a training by other settings.
-pub(super) fn keep_to(folder: &Path, recipe: &Value) -> Result<()> {
+pub(super) fn check_or_write_recipe(folder: &Path, recipe: &Value) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     let path = folder.join("recipe.json");
     match std::fs::read_to_string(&path) {
@@ -415,17 +425,17 @@ pub(super) fn keep_to(folder: &Path, recipe: &Value) -> Result<()> {
     }
 }
 
-impl Trial for Trained<'_> {
+impl Trial for TrainedNetwork<'_> {
     fn name(&self) -> &str {
         &self.name
     }
 
-    fn kept(&self) -> Result<usize> {
+    fn stored(&self) -> Result<usize> {
         if !self.weights().exists() {
             return Ok(0);
         }
-        self.keep_to_recipe()?;
-        Ok(1 + self.measured()?.kept()?)
+        self.check_recipe()?;
+        Ok(1 + self.measured()?.stored()?)
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
@@ -436,10 +446,10 @@ impl Trial for Trained<'_> {
             .len()
             .min(self.context.limit.unwrap_or(usize::MAX));
         let measuring = FRAME * frames as f64;
-        self.keep_to_recipe()?;
+        self.check_recipe()?;
         if !self.weights().exists() {
             let mut share = |step: usize| progress(step as f64 / (steps + measuring));
-            if let Outcome::Stopped(_) = self.train(&mut share)? {
+            if let RunOutcome::Stopped(_) = self.train(&mut share)? {
                 return Ok(());
             }
         }
@@ -468,7 +478,7 @@ mod tests {
             context.recipe.train.start = Some(at(start));
             let frames = (context.recipe.frames)().unwrap();
             let network = context.recipe.network.clone();
-            Trained::new(&context, "a", network, frames).keep_to_recipe()
+            TrainedNetwork::new(&context, "a", network, frames).check_recipe()
         };
         kept("start").unwrap();
         kept("copy").unwrap();

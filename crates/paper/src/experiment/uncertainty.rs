@@ -1,9 +1,10 @@
 //! Whether predicted standard deviations hold, for few and many points in different patterns.
 
+use super::tables::{self, column};
 use super::trial::{Measured, Trial};
 use super::{ExperimentContext, Study};
-use lsdc_eval::metrics::{Certainty, Metric};
-use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_eval::metrics::{Metric, UncertaintyScores};
+use lsdc_eval::report::{Column, Ranking, Row, Section, Table};
 use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::{Error, Result};
 
@@ -62,29 +63,31 @@ impl Study for Uncertainty<'_> {
         let mut rows = Vec::new();
         for (pattern, trial) in &self.trials {
             let report = trial.report()?;
-            let certainty = report.certainties().first().and_then(Option::as_ref);
-            let certainty = certainty.ok_or_else(|| {
+            let uncertainty = report.uncertainty(0);
+            let uncertainty = uncertainty.ok_or_else(|| {
                 Error::config(format!("`{}` has no standard deviations", trial.name()))
                     .hint("use weights with a prior")
             })?;
-            rows.push(row(pattern, trial.first()?[Metric::Rmse], certainty));
+            rows.push(row(
+                pattern,
+                trial.first_scores()?[Metric::Rmse],
+                uncertainty,
+            ));
         }
-        let number = |label: &str, unit, decimals, rising| Column {
-            label: label.into(),
-            unit,
-            decimals,
-            rising,
+        let share = |label: &str| Column {
+            higher_is_better: true,
+            ..column(label, "%", 1)
         };
         section.tables.push(Table {
             title: "Errors and the intervals that were predicted for them".into(),
-            rows_are: "points".into(),
-            contest: Contest::None,
+            row_header: "points".into(),
+            ranking: Ranking::None,
             columns: vec![
                 Column::named("RMSE", Metric::Rmse),
-                number("within 68.3 % intervals", "%", 1, true),
-                number("within 95.4 % intervals", "%", 1, true),
-                number("negative log-likelihood", "", 3, false),
-                number("AUSE / random order", "", 3, false),
+                share("within 68.3 % intervals"),
+                share("within 95.4 % intervals"),
+                column("negative log-likelihood", "", 3),
+                column("AUSE / random order", "", 3),
             ],
             rows,
         });
@@ -97,18 +100,14 @@ impl Study for Uncertainty<'_> {
     }
 }
 
-fn row(pattern: &str, rmse: f64, certainty: &Certainty) -> Row {
-    let (one, two) = certainty.coverage();
+fn row(pattern: &str, rmse: f64, uncertainty: &UncertaintyScores) -> Row {
+    let (one, two) = uncertainty.coverage();
     let values = [
         rmse,
         100.0 * one,
         100.0 * two,
-        certainty.neg_log_likelihood(),
-        certainty.ause_of_random(),
+        uncertainty.neg_log_likelihood(),
+        uncertainty.ause_of_random(),
     ];
-    Row {
-        label: pattern.to_owned(),
-        aside: false,
-        values: values.map(Some).into(),
-    }
+    tables::row(pattern, values.map(Some))
 }

@@ -1,8 +1,8 @@
 //! Convolutional spatial propagation (Cheng et al. 2018, `CSPN`): a residual network with a decoder that reads its
-//! levels too says a depth, and how much of it every pixel takes from its neighbours in a step of the propagation.
+//! levels too predicts a depth, and how much of it every pixel takes from its neighbours in a step of the propagation.
 
 use super::layers::{UpConv, UpConvNorm};
-use super::resnet::{Depth, ResNet, check_width};
+use super::resnet::{ResNet, ResNetDepth, check_width};
 use super::s2d::UpProj;
 use super::{System, SystemInput, SystemOutput};
 use burn::module::Module;
@@ -21,7 +21,7 @@ use std::path::PathBuf;
 #[serde(default, deny_unknown_fields)]
 pub struct CspnConfig {
     /// The encoder.
-    pub encoder: Depth,
+    pub encoder: ResNetDepth,
     /// Channels of the first layer, which all others are multiples of.
     pub width: usize,
     /// Steps of the propagation.
@@ -34,7 +34,7 @@ pub struct CspnConfig {
 impl Default for CspnConfig {
     fn default() -> Self {
         Self {
-            encoder: Depth::default(),
+            encoder: ResNetDepth::default(),
             width: 64,
             steps: 24,
             pretrained: None,
@@ -67,23 +67,23 @@ pub struct Cspn {
     pub(super) resnet: ResNet,
     middle: ConvNorm,
     first: UpProj,
-    joined: Vec<Joined>,
+    joined: Vec<SkipUpProj>,
     depth: UpConv,
     affinity: UpConv,
     #[module(skip)]
     steps: usize,
 }
 
-/// Up-projection beside what a level of the encoder says at the size that it leads to.
+/// Up-projection with a skip connection from the level of the encoder that has its output size.
 #[derive(Module, Debug)]
-struct Joined {
+struct SkipUpProj {
     first: UpConvNorm,
     join: ConvNorm,
     second: ConvNorm,
     shortcut: UpConvNorm,
 }
 
-impl Joined {
+impl SkipUpProj {
     fn init(from: usize, to: usize, side: usize, init: &mut Init) -> Self {
         let same = ConvSpec::same(1);
         Self {
@@ -118,7 +118,7 @@ impl Cspn {
             middle: ConvNorm::init(deepest, deepest, 3, ConvSpec::same(1), init),
             first: UpProj::init(deepest, third, init),
             joined: joined
-                .map(|(from, to, side)| Joined::init(from, to, side, init))
+                .map(|(from, to, side)| SkipUpProj::init(from, to, side, init))
                 .into(),
             depth: UpConv::init(width, 1, 3, 1, init),
             affinity: UpConv::init(width, NEIGHBOURS, 3, NEIGHBOURS, init),
@@ -128,9 +128,9 @@ impl Cspn {
 }
 
 impl System for Cspn {
-    fn predict(&self, seen: &SystemInput) -> SystemOutput {
-        let [_, height, width, _] = seen.images.dims();
-        let levels = self.resnet.forward(seen.together());
+    fn predict(&self, input: &SystemInput) -> SystemOutput {
+        let [_, height, width, _] = input.images.dims();
+        let levels = self.resnet.forward(input.rgbd());
         let [first, second, third, deepest] = levels.stages;
         let size = |map: &Tensor<4>| (map.dims()[1], map.dims()[2]);
         let x = self.middle.forward(deepest);
@@ -140,13 +140,13 @@ impl System for Cspn {
         let x = pairs.fold(x, |x, (step, side)| step.forward(x, side));
         let affinity = self.affinity.forward(x.clone(), (height, width));
         let depth = self.depth.forward(x, (height, width)).squeeze_dim(3);
-        let depth = propagate(shares(affinity), depth, seen.sparse.clone(), self.steps);
-        SystemOutput::alone(depth)
+        let depth = propagate(shares(affinity), depth, input.sparse.clone(), self.steps);
+        SystemOutput::single(depth)
     }
 }
 
-/// What each pixel takes from its neighbours, from what the network says of these: `[n, height, width, 8]` both. The
-/// absolute values of a pixel have the sum 1; 0 where the network says 0 of all neighbours.
+/// The weights of the neighbours of each pixel from the outputs of the network for them: `[n, height, width, 8]` both. The
+/// absolute values of a pixel have the sum 1; 0 where the outputs of all neighbours are 0.
 fn shares(affinity: Tensor<4>) -> Tensor<4> {
     /// Far below every affinity.
     const LEAST: f64 = 1e-12;

@@ -1,9 +1,9 @@
-//! Learned steering kernels (Liu, Liao, Wang, Geiger and Liu 2021): a network says of every pixel of the image how the
+//! Learned steering kernels (Liu, Liao, Wang, Geiger and Liu 2021): a network predicts for every pixel of the image how the
 //! Gaussian kernel of a point there is stretched, turned and scaled; depth is the kernel regression of the points;
 //! a second network refines it. As in the authors' `Steering-KernelNet`, or with our own network and no refinement.
 
 use super::layers::{Biased, largest, stretched};
-use super::regression::{Kernels, Neighbourhood};
+use super::regression::{Neighbourhood, SteeringKernels};
 use super::{System, SystemInput, SystemOutput};
 use burn::module::Module;
 use burn::tensor::activation::{sigmoid, softmax};
@@ -16,10 +16,10 @@ use lsdc_train::model::layers::{Init, Norm};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Which network says what kernels are like.
+/// Which network predicts the kernels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum KernelsOf {
+pub enum KernelNetKind {
     /// The published one, with a single step down and up.
     #[default]
     Published,
@@ -32,8 +32,8 @@ pub enum KernelsOf {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LskConfig {
-    /// Which network says what kernels are like.
-    pub kernels: KernelsOf,
+    /// Which network predicts the kernels.
+    pub kernels: KernelNetKind,
     /// The order of the regression: 0, 1 or 2.
     pub order: usize,
     /// Points that a pixel is computed from, the nearest.
@@ -52,7 +52,7 @@ pub struct LskConfig {
 impl Default for LskConfig {
     fn default() -> Self {
         Self {
-            kernels: KernelsOf::default(),
+            kernels: KernelNetKind::default(),
             order: 2,
             neighbours: 32,
             bounded: true,
@@ -108,8 +108,8 @@ pub struct Lsk {
 impl Lsk {
     pub(super) fn init(config: &LskConfig, init: &mut Init) -> Result<Self> {
         let (published, own) = match config.kernels {
-            KernelsOf::Published => (Some(KernelNet::init(config.width, init)), None),
-            KernelsOf::Ours => (None, Some(BasisNet::init(&config.own(), init)?)),
+            KernelNetKind::Published => (Some(KernelNet::init(config.width, init)), None),
+            KernelNetKind::Ours => (None, Some(BasisNet::init(&config.own(), init)?)),
         };
         Ok(Self {
             published,
@@ -121,19 +121,19 @@ impl Lsk {
         })
     }
 
-    /// What the network says of the pixels of the points `[n, points, 3]`.
-    fn at_points(&self, seen: &SystemInput, pixels: &[Vec<u32>]) -> Tensor<3> {
-        let [n, height, width, _] = seen.images.dims();
+    /// The outputs of the network at the pixels of the points `[n, points, 3]`.
+    fn at_points(&self, input: &SystemInput, pixels: &[Vec<u32>]) -> Tensor<3> {
+        let [n, height, width, _] = input.images.dims();
         let count = pixels.first().map_or(0, Vec::len);
         if let Some(net) = &self.own {
-            let bases = net.bases(seen.images.clone(), None);
+            let bases = net.bases(input.images.clone(), None);
             // The first is the constant 1.
             return bases.at((height, width), pixels).narrow(2, 1, NUMBERS);
         }
         let Some(net) = &self.published else {
-            return Tensor::zeros([n, count, NUMBERS], &seen.images.device());
+            return Tensor::zeros([n, count, NUMBERS], &input.images.device());
         };
-        let all = net.forward(plain(&seen.images));
+        let all = net.forward(plain(&input.images));
         let all = all.reshape([n, height * width, NUMBERS]);
         let places: Vec<i32> = pixels.iter().flatten().map(|&p| p as i32).collect();
         let places = Tensor::<3, burn::tensor::Int>::from_data(
@@ -145,16 +145,16 @@ impl Lsk {
 }
 
 impl System for Lsk {
-    fn predict(&self, seen: &SystemInput) -> SystemOutput {
+    fn predict(&self, input: &SystemInput) -> SystemOutput {
         /// No kernel is a line.
         const LEAST: f64 = 1e-5;
         /// Elongations and scales are below this.
         const MOST: f64 = 6.0;
-        let [n, height, width] = seen.sparse.dims();
-        let points = Neighbourhood::new(&seen.sparse, self.neighbours);
-        let numbers = sigmoid(self.at_points(seen, &points.pixels));
+        let [n, height, width] = input.sparse.dims();
+        let points = Neighbourhood::new(&input.sparse, self.neighbours);
+        let numbers = sigmoid(self.at_points(input, &points.pixels));
         let number = |i: usize| numbers.clone().narrow(2, i, 1).squeeze_dim::<2>(2);
-        let kernels = Kernels::new(
+        let kernels = SteeringKernels::new(
             number(0) * MOST + LEAST,
             number(1) * (2.0 * PI) - PI,
             number(2) * MOST + LEAST,
@@ -163,14 +163,14 @@ impl System for Lsk {
         let depth = points.regress(&kernels, self.order);
         let depth = depth.reshape([n, height, width]);
         let Some(net) = &self.refine else {
-            return SystemOutput::alone(depth);
+            return SystemOutput::single(depth);
         };
-        let refined = net.forward(seen.images.clone(), depth.clone());
+        let refined = net.forward(input.images.clone(), depth.clone());
         // Points are kept as they are.
-        let open = seen.sparse.clone().sign().neg() + 1.0;
+        let open = input.sparse.clone().sign().neg() + 1.0;
         SystemOutput {
-            depth: refined * open + seen.sparse.clone(),
-            before: Some(depth),
+            depth: refined * open + input.sparse.clone(),
+            unrefined: Some(depth),
         }
     }
 }
@@ -191,12 +191,12 @@ fn plain(images: &Tensor<4>) -> Tensor<4> {
 
 /// Two convolutions, normalised.
 #[derive(Module, Debug)]
-struct Pair {
+struct DoubleConv {
     convs: Vec<Biased>,
     norms: Vec<Norm>,
 }
 
-impl Pair {
+impl DoubleConv {
     fn init(from: usize, to: usize, init: &mut Init) -> Self {
         Self {
             convs: [from, to]
@@ -212,7 +212,7 @@ impl Pair {
     }
 }
 
-/// A step up: what comes from below is enlarged and joined to what the level itself says.
+/// A step up: what comes from below is enlarged and joined to the level's own features.
 fn joined(below: Tensor<4>, level: Tensor<4>) -> Tensor<4> {
     let [_, height, width, _] = level.dims();
     let [_, rows, columns, _] = below.dims();
@@ -229,18 +229,18 @@ fn joined(below: Tensor<4>, level: Tensor<4>) -> Tensor<4> {
 /// Image to the three numbers of a kernel.
 #[derive(Module, Debug)]
 struct KernelNet {
-    first: Pair,
-    down: Pair,
-    up: Pair,
+    first: DoubleConv,
+    down: DoubleConv,
+    up: DoubleConv,
     last: Biased,
 }
 
 impl KernelNet {
     fn init(width: usize, init: &mut Init) -> Self {
         Self {
-            first: Pair::init(3, width, init),
-            down: Pair::init(width, 8 * width, init),
-            up: Pair::init(9 * width, width, init),
+            first: DoubleConv::init(3, width, init),
+            down: DoubleConv::init(width, 8 * width, init),
+            up: DoubleConv::init(9 * width, width, init),
             last: Biased::init(width, NUMBERS, 1, init),
         }
     }
@@ -252,12 +252,12 @@ impl KernelNet {
     }
 }
 
-/// Image and depth to a better depth: a U-Net (Ronneberger et al. 2015) that says how likely each of 401 changes is.
+/// Image and depth to a better depth: a U-Net (Ronneberger et al. 2015) that predicts how likely each of 401 changes is.
 #[derive(Module, Debug)]
 struct Refinement {
-    first: Pair,
-    down: Vec<Pair>,
-    up: Vec<Pair>,
+    first: DoubleConv,
+    down: Vec<DoubleConv>,
+    up: Vec<DoubleConv>,
     changes: Biased,
     rest: Biased,
 }
@@ -276,13 +276,13 @@ impl Refinement {
         let widths = [1, 2, 4, 8, 8].map(|times| times * width);
         let ups = [(16, 4), (8, 2), (4, 1), (2, 1)];
         Self {
-            first: Pair::init(4, width, init),
+            first: DoubleConv::init(4, width, init),
             down: widths
                 .windows(2)
-                .map(|pair| Pair::init(pair[0], pair[1], init))
+                .map(|pair| DoubleConv::init(pair[0], pair[1], init))
                 .collect(),
             up: ups
-                .map(|(from, to)| Pair::init(from * width, to * width, init))
+                .map(|(from, to)| DoubleConv::init(from * width, to * width, init))
                 .into(),
             changes: Biased::init(width, CHANGES, 1, init),
             rest: Biased::init(width, 1, 1, init),

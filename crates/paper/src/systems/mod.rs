@@ -1,30 +1,29 @@
 //! The systems that the paper compares itself with, trainable here with the same data, protocol, points and budget:
-//! sparse-to-dense, spatial propagation and learned steering kernels. Each sees the image and the measured depths and
-//! says the depth of every pixel; they share no code with the method of this program, whose network never sees a
+//! sparse-to-dense, spatial propagation and learned steering kernels. Each reads the image and the measured depths and
+//! predicts the depth of every pixel; they share no code with the method of this program, whose network never reads a
 //! depth.
 
 mod cspn;
-mod file;
 mod layers;
+mod lsk;
 mod predictor;
+mod pretrained;
 mod regression;
 mod resnet;
 mod s2d;
-mod start;
 #[cfg(test)]
 mod tests;
 mod training;
-
-mod lsk;
+mod weights;
 
 pub use cspn::{Cspn, CspnConfig};
-pub use file::Trained;
-pub use lsk::{KernelsOf, Lsk, LskConfig};
+pub use lsk::{KernelNetKind, Lsk, LskConfig};
 pub use predictor::Predictor;
-pub use resnet::Depth;
+pub use pretrained::initial_net;
+pub use resnet::ResNetDepth;
 pub use s2d::{DecoderKind, S2d, S2dConfig};
-pub use start::begin;
 pub use training::trainer;
+pub use weights::SystemWeights;
 
 use burn::module::Module;
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
@@ -104,8 +103,8 @@ impl SystemConfig {
                 };
                 refine
                     + match config.kernels {
-                        KernelsOf::Published => squares(config.width, 600),
-                        KernelsOf::Ours => {
+                        KernelNetKind::Published => squares(config.width, 600),
+                        KernelNetKind::Ours => {
                             config.own().hidden.windows(2).map(|w| w[0] * w[1]).sum()
                         }
                     }
@@ -133,7 +132,7 @@ impl SystemConfig {
     ///
     /// # Errors
     /// A setting is out of range.
-    pub fn init(&self, seed: u64, device: &Device) -> Result<Net> {
+    pub fn init(&self, seed: u64, device: &Device) -> Result<SystemNet> {
         self.build(Some(Rng::stream(seed, &["weights"])), device)
     }
 
@@ -141,11 +140,11 @@ impl SystemConfig {
     ///
     /// # Errors
     /// A setting is out of range.
-    pub fn blank(&self, device: &Device) -> Result<Net> {
+    pub fn blank(&self, device: &Device) -> Result<SystemNet> {
         self.build(None, device)
     }
 
-    fn build(&self, rng: Option<Rng>, device: &Device) -> Result<Net> {
+    fn build(&self, rng: Option<Rng>, device: &Device) -> Result<SystemNet> {
         self.check()?;
         let mut init = Init {
             rng,
@@ -155,14 +154,14 @@ impl SystemConfig {
             device: device.clone(),
         };
         Ok(match self {
-            Self::S2d(config) => Net::S2d(S2d::init(config, &mut init)),
-            Self::Cspn(config) => Net::Cspn(Cspn::init(config, &mut init)),
-            Self::Lsk(config) => Net::Lsk(Lsk::init(config, &mut init)?),
+            Self::S2d(config) => SystemNet::S2d(S2d::init(config, &mut init)),
+            Self::Cspn(config) => SystemNet::Cspn(Cspn::init(config, &mut init)),
+            Self::Lsk(config) => SystemNet::Lsk(Lsk::init(config, &mut init)?),
         })
     }
 }
 
-/// What a system sees of frames.
+/// The input of a system: some frames.
 #[derive(Clone, Debug)]
 pub struct SystemInput {
     /// Normalised colours `[n, height, width, 3]`.
@@ -195,26 +194,26 @@ impl SystemInput {
     }
 
     /// Colours and depths `[n, height, width, 4]`.
-    fn together(&self) -> Tensor<4> {
+    fn rgbd(&self) -> Tensor<4> {
         let depths = self.sparse.clone().unsqueeze_dim(3);
         Tensor::cat(vec![self.images.clone(), depths], 3)
     }
 }
 
-/// What a system says of frames.
+/// The prediction of a system for some frames.
 #[derive(Clone, Debug)]
 pub struct SystemOutput {
     /// Depths `[n, height, width]` in metres, which may be of any sign.
     pub depth: Tensor<3>,
-    /// The same before the last part of a system of several, which learns of its own errors.
-    pub before: Option<Tensor<3>>,
+    /// The same before the last part of a system of several, which has losses of its own.
+    pub unrefined: Option<Tensor<3>>,
 }
 
 impl SystemOutput {
-    fn alone(depth: Tensor<3>) -> Self {
+    fn single(depth: Tensor<3>) -> Self {
         Self {
             depth,
-            before: None,
+            unrefined: None,
         }
     }
 }
@@ -222,13 +221,13 @@ impl SystemOutput {
 /// A trainable system: image and measured depths to depth.
 pub trait System {
     /// The depths of some frames.
-    fn predict(&self, seen: &SystemInput) -> SystemOutput;
+    fn predict(&self, input: &SystemInput) -> SystemOutput;
 }
 
 /// The network of any of the systems.
 #[derive(Module, Debug)]
 #[allow(clippy::large_enum_variant)]
-pub enum Net {
+pub enum SystemNet {
     /// Sparse-to-dense.
     S2d(S2d),
     /// Convolutional spatial propagation.
@@ -237,17 +236,17 @@ pub enum Net {
     Lsk(Lsk),
 }
 
-impl System for Net {
-    fn predict(&self, seen: &SystemInput) -> SystemOutput {
+impl System for SystemNet {
+    fn predict(&self, input: &SystemInput) -> SystemOutput {
         match self {
-            Self::S2d(net) => net.predict(seen),
-            Self::Cspn(net) => net.predict(seen),
-            Self::Lsk(net) => net.predict(seen),
+            Self::S2d(net) => net.predict(input),
+            Self::Cspn(net) => net.predict(input),
+            Self::Lsk(net) => net.predict(input),
         }
     }
 }
 
-impl Net {
+impl SystemNet {
     /// Lets batch normalisation use its running statistics from now on.
     #[must_use]
     pub fn freeze_statistics(self) -> Self {

@@ -1,12 +1,12 @@
 //! A trained system as a method of completion.
 
-use super::{Net, System as _, SystemInput, Trained};
+use super::{System as _, SystemInput, SystemNet, SystemWeights};
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
 use lsdc_core::RANGE;
 use lsdc_eval::data::DepthMap;
 use lsdc_eval::evaluation::Candidate;
-use lsdc_eval::predict::{Completes, SystemKind};
+use lsdc_eval::predict::{DepthCompleter, SystemKind};
 use lsdc_eval::sampling::{Interpolation, Size, move_points, resize_depth, resize_rgb};
 use lsdc_files::error::{Error, Result};
 use lsdc_train::sample::image_tensor;
@@ -16,12 +16,12 @@ use std::sync::Arc;
 
 /// A trained system on a device. Two are equal if they have the same weights.
 #[derive(Clone, Debug)]
-pub struct Predictor(Arc<Loaded>);
+pub struct Predictor(Arc<LoadedSystem>);
 
 #[derive(Debug)]
-struct Loaded {
-    trained: Trained,
-    net: Net,
+struct LoadedSystem {
+    trained: SystemWeights,
+    net: SystemNet,
     device: Device,
 }
 
@@ -41,23 +41,23 @@ impl Predictor {
     /// Opens the weights of a system.
     ///
     /// # Errors
-    /// As [`Trained::open`], and tensors that do not belong to the network.
+    /// As [`SystemWeights::open`], and tensors that do not belong to the network.
     pub fn open(path: &Path, device: &Device) -> Result<Self> {
-        Self::new(Trained::open(path)?, device)
+        Self::new(SystemWeights::open(path)?, device)
     }
 
     /// Loads weights.
     ///
     /// # Errors
     /// Tensors that do not belong to the network.
-    pub fn new(trained: Trained, device: &Device) -> Result<Self> {
+    pub fn new(trained: SystemWeights, device: &Device) -> Result<Self> {
         let net = trained.net(device)?;
         Ok(Self::with(trained, net, device))
     }
 
     /// A network with weights of its own.
-    pub fn with(trained: Trained, net: Net, device: &Device) -> Self {
-        Self(Arc::new(Loaded {
+    pub fn with(trained: SystemWeights, net: SystemNet, device: &Device) -> Self {
+        Self(Arc::new(LoadedSystem {
             trained,
             net,
             device: device.clone(),
@@ -70,12 +70,12 @@ impl Predictor {
     }
 
     /// Its weights and what belongs to them.
-    pub fn trained(&self) -> &Trained {
+    pub fn trained(&self) -> &SystemWeights {
         &self.0.trained
     }
 
     /// Its network.
-    pub fn net(&self) -> &Net {
+    pub fn net(&self) -> &SystemNet {
         &self.0.net
     }
 
@@ -106,10 +106,10 @@ impl Predictor {
             width: sparse.width(),
         };
         match self.working_size(size) {
-            None => self.said(rgb, sparse),
-            Some(seen) => {
-                let rgb = resize_rgb(rgb, seen, Interpolation::PilBilinear)?;
-                let found = self.said(&rgb, &move_points(sparse, seen)?)?;
+            None => self.predicted(rgb, sparse),
+            Some(working) => {
+                let rgb = resize_rgb(rgb, working, Interpolation::PilBilinear)?;
+                let found = self.predicted(&rgb, &move_points(sparse, working)?)?;
                 resize_depth(&found, size, Interpolation::CvBilinear)
             }
         }
@@ -129,25 +129,19 @@ impl Predictor {
         })
     }
 
-    /// What the network says at the size it is given, kept within the widened range of the points.
-    fn said(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+    /// The prediction of the network at the size it is given, kept within the widened range of the points.
+    fn predicted(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         let loaded = &*self.0;
-        let normalisation = &loaded.trained.normalisation;
         let (height, width) = (sparse.height(), sparse.width());
         let points = TensorData::new(sparse.values().to_vec(), [1, height, width]);
-        let seen = SystemInput {
-            images: image_tensor(
-                &[rgb],
-                normalisation.mean,
-                normalisation.deviation,
-                &loaded.device,
-            )?,
+        let input = SystemInput {
+            images: image_tensor(&[rgb], loaded.trained.normalisation, &loaded.device)?,
             sparse: Tensor::from_data(points, &loaded.device),
         };
         let (low, high) = sparse
             .range()
             .ok_or_else(|| Error::fit("there is no sparse depth"))?;
-        let depth = loaded.net.predict(&seen).depth.into_data();
+        let depth = loaded.net.predict(&input).depth.into_data();
         let (low, high) = (low / RANGE, high * RANGE);
         // Before it is resized: of a depth below 0 there would be none.
         let values = depth.iter::<f32>().map(|depth| depth.clamp(low, high));
@@ -155,7 +149,7 @@ impl Predictor {
     }
 }
 
-impl Completes for Predictor {
+impl DepthCompleter for Predictor {
     fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         self.complete(rgb, sparse)
     }

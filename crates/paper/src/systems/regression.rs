@@ -1,15 +1,15 @@
 //! Kernel regression (Takeda, Farsiu and Milanfar 2007) of scattered depths, differentiable in the kernels: at every
-//! pixel a polynomial is fitted to the nearest points, each weighing what its own Gaussian kernel says.
+//! pixel a polynomial is fitted to the nearest points, each weighted by its own Gaussian kernel.
 
 #[cfg(test)]
 use burn::tensor::Device;
 use burn::tensor::{Int, Tensor, TensorData};
-use lsdc_core::nearest::Cells;
+use lsdc_core::nearest::NeighbourGrid;
 use rayon::prelude::*;
 
 /// Slopes and curvatures are drawn to 0, by this share of the sum of weights where coordinates count in mean distances
 /// between points: few points on one side shall not lead them away.
-const HELD: f64 = 0.1;
+const SHRINKAGE: f64 = 0.1;
 
 /// The points of some images, and those nearest to every pixel.
 pub(super) struct Neighbourhood {
@@ -37,11 +37,11 @@ impl Neighbourhood {
         let longest = lists.iter().map(Vec::len).max().unwrap_or(1);
         let count = most.min(longest);
         let images = lists.iter().zip(values.chunks_exact(height * width));
-        let found: Vec<Found> = images
-            .map(|(list, map)| Found::new(list, map, width, count))
+        let found: Vec<NearestPoints> = images
+            .map(|(list, map)| NearestPoints::new(list, map, width, count))
             .collect();
         let shape = [n, height * width, count];
-        let all = |of: fn(&Found) -> &Vec<f32>| -> Tensor<3> {
+        let all = |of: fn(&NearestPoints) -> &Vec<f32>| -> Tensor<3> {
             let values: Vec<f32> = found.iter().flat_map(|f| of(f).iter().copied()).collect();
             Tensor::from_data(TensorData::new(values, shape), (&device, dtype))
         };
@@ -73,7 +73,7 @@ impl Neighbourhood {
     }
 
     /// The value at every pixel `[n, pixels]` of the polynomial of `order` (0, 1 or 2) that is fitted around it.
-    pub(super) fn regress(&self, kernels: &Kernels, order: usize) -> Tensor<2> {
+    pub(super) fn regress(&self, kernels: &SteeringKernels, order: usize) -> Tensor<2> {
         let weights = self.weights(kernels);
         let [rows, columns] = self
             .offsets
@@ -108,11 +108,11 @@ impl Neighbourhood {
                     .collect()
             })
             .collect();
-        let held = matrix[0][0].clone() * HELD;
+        let shrinkage = matrix[0][0].clone() * SHRINKAGE;
         // All but the constant are eliminated, the last first.
         for last in (1..terms.len()).rev() {
             let row: Vec<Tensor<2>> = matrix.pop().unwrap_or_default();
-            let pivot = row[last].clone() + held.clone();
+            let pivot = row[last].clone() + shrinkage.clone();
             let factors: Vec<_> = row[..last]
                 .iter()
                 .map(|t| t.clone() / pivot.clone())
@@ -128,7 +128,7 @@ impl Neighbourhood {
     }
 
     /// What each point weighs at each pixel `[n, pixels, nearest]`; the largest 1.
-    fn weights(&self, kernels: &Kernels) -> Tensor<3> {
+    fn weights(&self, kernels: &SteeringKernels) -> Tensor<3> {
         /// Below every logarithm of a weight.
         const NEVER: f64 = 1e9;
         let [rows, columns] = self.offsets.clone();
@@ -150,7 +150,7 @@ impl Neighbourhood {
 }
 
 /// The kernels of the points of some images.
-pub(super) struct Kernels {
+pub(super) struct SteeringKernels {
     /// Their inverse covariances, in units of [`WIDTH`]: rows, rows and columns, columns, each `[n, points]`.
     pub(super) precision: [Tensor<2>; 3],
     /// The logarithm of their height in the middle `[n, points]`.
@@ -162,7 +162,7 @@ pub(super) struct Kernels {
 /// The width of kernels in pixels that all precisions refer to: the `h` of Liu et al.
 pub(super) const WIDTH: f64 = 5.0;
 
-impl Kernels {
+impl SteeringKernels {
     /// From elongation and scale, above 0, and angle, each `[n, points]`: the precision is `scale U diag(elongation, 1
     /// / elongation) U^T` with the rotation U, the height the scale.
     pub(super) fn new(
@@ -198,7 +198,7 @@ fn points(map: &[f32]) -> Vec<u32> {
 
 /// What is nearest to the pixels of one image.
 #[derive(Default)]
-struct Found {
+struct NearestPoints {
     nearest: Vec<i32>,
     rows: Vec<f32>,
     columns: Vec<f32>,
@@ -206,7 +206,7 @@ struct Found {
     there: Vec<f32>,
 }
 
-impl Found {
+impl NearestPoints {
     fn new(list: &[u32], map: &[f32], width: usize, count: usize) -> Self {
         let place = |pixel: u32| {
             [
@@ -215,13 +215,13 @@ impl Found {
             ]
         };
         let places: Vec<[f64; 2]> = list.iter().map(|&pixel| place(pixel)).collect();
-        let cells = Cells::new(&places);
-        let near: Vec<Vec<(f64, usize)>> = (0..map.len() as u32)
+        let cells = NeighbourGrid::new(&places);
+        let nearest: Vec<Vec<(f64, usize)>> = (0..map.len() as u32)
             .into_par_iter()
             .map(|pixel| cells.nearest(place(pixel), count))
             .collect();
         let mut found = Self::default();
-        for (pixel, near) in near.iter().enumerate() {
+        for (pixel, near) in nearest.iter().enumerate() {
             let [column, row] = place(pixel as u32);
             for rank in 0..count {
                 let point = near.get(rank).map(|(_, point)| *point);
@@ -261,10 +261,10 @@ mod tests {
         Tensor::from_data(TensorData::new(map, [1, SIZE.0, SIZE.1]), device)
     }
 
-    fn round(points: &Neighbourhood, scale: f32, device: &Device) -> Kernels {
+    fn round(points: &Neighbourhood, scale: f32, device: &Device) -> SteeringKernels {
         let count = points.pixels[0].len();
         let of = |value| constant(value, count, device);
-        Kernels::new(of(1.0), of(0.0), of(scale), false)
+        SteeringKernels::new(of(1.0), of(0.0), of(scale), false)
     }
 
     #[test]
@@ -272,7 +272,7 @@ mod tests {
         let device = Device::flex();
         let of = |value| constant(value, 1, &device);
         let turn = std::f32::consts::FRAC_PI_3;
-        let kernels = Kernels::new(of(4.0), of(turn), of(2.0), false);
+        let kernels = SteeringKernels::new(of(4.0), of(turn), of(2.0), false);
         let [a, b, c] = kernels.precision.map(|part| part.into_scalar::<f32>());
         // Trace and determinant of 2 diag(4, 1/4).
         assert!((a + c - 8.5).abs() < 1e-5 && (a * c - b * b - 4.0).abs() < 1e-4);
@@ -358,7 +358,7 @@ mod tests {
         };
         for (order, bounded) in [(0, false), (1, true), (2, false)] {
             let value = |[elongation, angle, scale]: [Tensor<2>; 3]| {
-                let kernels = Kernels::new(elongation, angle, scale, bounded);
+                let kernels = SteeringKernels::new(elongation, angle, scale, bounded);
                 points.regress(&kernels, order).square().mean()
             };
             let inputs = tensors(&start).map(Tensor::require_grad);

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// How deep a network is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Depth {
+pub enum ResNetDepth {
     /// 18 layers: 2 blocks of two convolutions in each stage.
     ResNet18,
     /// 50 layers: 3, 4, 6 and 3 blocks of three convolutions.
@@ -21,7 +21,7 @@ pub enum Depth {
     ResNet50,
 }
 
-impl Depth {
+impl ResNetDepth {
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
@@ -84,7 +84,7 @@ struct Block {
     shortcut: Option<ConvNorm>,
 }
 
-/// What a network says of images at each level of resolution.
+/// The outputs of a network at each level of resolution.
 pub(super) struct Levels {
     /// The first convolution alone, at a half.
     pub(super) stem: Tensor<4>,
@@ -93,7 +93,7 @@ pub(super) struct Levels {
 }
 
 impl ResNet {
-    pub(super) fn init(depth: Depth, inputs: usize, width: usize, init: &mut Init) -> Self {
+    pub(super) fn init(depth: ResNetDepth, inputs: usize, width: usize, init: &mut Init) -> Self {
         let spec = ConvSpec {
             stride: 2,
             padding: 3,
@@ -144,7 +144,7 @@ impl ResNet {
 }
 
 impl Block {
-    fn init(depth: Depth, from: usize, to: usize, stride: usize, init: &mut Init) -> Self {
+    fn init(depth: ResNetDepth, from: usize, to: usize, stride: usize, init: &mut Init) -> Self {
         let inner = to / depth.expansion();
         let strided = ConvSpec {
             stride,
@@ -152,11 +152,11 @@ impl Block {
         };
         let (same, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
         let convs = match depth {
-            Depth::ResNet18 => vec![
+            ResNetDepth::ResNet18 => vec![
                 ConvNorm::init(from, to, 3, strided, init),
                 ConvNorm::init(to, to, 3, same, init),
             ],
-            Depth::ResNet50 => vec![
+            ResNetDepth::ResNet50 => vec![
                 ConvNorm::init(from, inner, 1, pointwise, init),
                 ConvNorm::init(inner, inner, 3, strided, init),
                 ConvNorm::init(inner, to, 1, pointwise, init),

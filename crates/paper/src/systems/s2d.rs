@@ -2,7 +2,7 @@
 //! steps double the resolution. As in the authors' `sparse-to-dense.pytorch`.
 
 use super::layers::{UpConvNorm, stretched};
-use super::resnet::{Depth, ResNet, check_width};
+use super::resnet::{ResNet, ResNetDepth, check_width};
 use super::{System, SystemInput, SystemOutput};
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -29,7 +29,7 @@ pub enum DecoderKind {
 #[serde(default, deny_unknown_fields)]
 pub struct S2dConfig {
     /// The encoder.
-    pub encoder: Depth,
+    pub encoder: ResNetDepth,
     /// The decoder.
     pub decoder: DecoderKind,
     /// Channels of the first layer, which all others are multiples of.
@@ -42,7 +42,7 @@ pub struct S2dConfig {
 impl Default for S2dConfig {
     fn default() -> Self {
         Self {
-            encoder: Depth::default(),
+            encoder: ResNetDepth::default(),
             decoder: DecoderKind::default(),
             width: 64,
             pretrained: None,
@@ -126,9 +126,9 @@ impl S2d {
 }
 
 impl System for S2d {
-    fn predict(&self, seen: &SystemInput) -> SystemOutput {
-        let [_, height, width, _] = seen.images.dims();
-        let [.., deepest] = self.resnet.forward(seen.together()).stages;
+    fn predict(&self, input: &SystemInput) -> SystemOutput {
+        let [_, height, width, _] = input.images.dims();
+        let [.., deepest] = self.resnet.forward(input.rgbd()).stages;
         let x = self.squeeze.forward(deepest);
         let twice = |x: &Tensor<4>| (2 * x.dims()[1], 2 * x.dims()[2]);
         let x = match &self.decoder {
@@ -142,6 +142,6 @@ impl System for S2d {
             }),
         };
         let depth = stretched(self.last.forward(x), (height, width));
-        SystemOutput::alone(depth.squeeze_dim(3))
+        SystemOutput::single(depth.squeeze_dim(3))
     }
 }

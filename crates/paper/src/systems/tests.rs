@@ -1,14 +1,14 @@
 //! The systems beside `PyTorch` and torchvision: `scripts/golden_systems.py` makes the file, `scripts/peers/systems.py`
 //! restates the publications.
 
-use super::{Net, System as _, SystemConfig, SystemInput, begin};
+use super::{System as _, SystemConfig, SystemInput, SystemNet, initial_net};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc_core::weights::Tensor as Table;
 use lsdc_train::model::parameter_count;
-use lsdc_train::model::parameters::{Named, named};
-use lsdc_train::model::weights::Filler;
+use lsdc_train::model::parameters::{NamedTensor, named};
+use lsdc_train::model::weights::fill;
 use lsdc_weights::read_tensors;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -84,7 +84,7 @@ impl Golden {
 }
 
 impl Case {
-    fn net(&self, device: &Device) -> Net {
+    fn net(&self, device: &Device) -> SystemNet {
         let tensors = self.tensors.iter().enumerate();
         let tensors = tensors.map(|(index, (name, shape, scale, offset))| {
             let values = chirp(index + 1000 * self.way, shape.iter().product());
@@ -92,10 +92,7 @@ impl Case {
             let table = Table::new(shape.clone(), floats(&values)).unwrap();
             (name.clone(), table)
         });
-        let mut filler = Filler::new(tensors.collect());
-        let net = self.config.blank(device).unwrap().map(&mut filler);
-        filler.check().unwrap();
-        net
+        fill(tensors.collect(), self.config.blank(device).unwrap()).unwrap()
     }
 }
 
@@ -146,16 +143,16 @@ struct Trained {
 }
 
 impl Trained {
-    fn new(golden: &Golden, net: &Net, seen: &SystemInput) -> Self {
-        let said = net.predict(seen);
+    fn new(golden: &Golden, net: &SystemNet, input: &SystemInput) -> Self {
+        let output = net.predict(input);
         let along = |depth: &Tensor<3>| {
             let shape = depth.dims();
             let values = TensorData::new(chirp(11, shape.iter().product()), shape);
             let kind = (&depth.device(), depth.dtype());
             (depth.clone() * Tensor::<3>::from_data(values, kind)).sum()
         };
-        let before = said.before.iter().map(along);
-        let loss = before.fold(along(&said.depth), |sum, more| sum + more);
+        let before = output.unrefined.iter().map(along);
+        let loss = before.fold(along(&output.depth), |sum, more| sum + more);
         let gradients = GradientsParams::from_grads(loss.backward(), net);
         let mut read = Read {
             gradients: &gradients,
@@ -164,8 +161,8 @@ impl Trained {
         };
         net.visit(&mut read);
         Self {
-            depth: golden.some(&said.depth),
-            before: said.before.map(|before| golden.some(&before)),
+            depth: golden.some(&output.depth),
+            before: output.unrefined.map(|before| golden.some(&before)),
             gradients: read.found,
         }
     }
@@ -216,20 +213,20 @@ fn depths_and_gradients_are_those_of_pytorch() {
     for case in &golden.cases {
         let name = format!("{:?}", case.config);
         let device = Device::flex();
-        let said = case.net(&device).predict(&golden.seen(&device));
-        agree(&golden.some(&said.depth), &case.evaluated, 1e-4, &name);
+        let output = case.net(&device).predict(&golden.seen(&device));
+        agree(&golden.some(&output.depth), &case.evaluated, 1e-4, &name);
 
         // The fast kernels, then numbers of twice the length.
         let device = device.autodiff();
-        let (net, seen) = (case.net(&device), golden.seen(&device));
-        let single = Trained::new(&golden, &net, &seen);
+        let (net, input) = (case.net(&device), golden.seen(&device));
+        let single = Trained::new(&golden, &net, &input);
         single.depths_agree(case, 1e-4);
         single.gradients_agree(case, 1e-3, 1e-5);
-        let seen = SystemInput {
-            images: seen.images.cast(DType::F64),
-            sparse: seen.sparse.cast(DType::F64),
+        let input = SystemInput {
+            images: input.images.cast(DType::F64),
+            sparse: input.sparse.cast(DType::F64),
         };
-        let double = Trained::new(&golden, &net.map(&mut Double), &seen);
+        let double = Trained::new(&golden, &net.map(&mut Double), &input);
         double.depths_agree(case, 1e-6);
         double.gradients_agree(case, 1e-5, 1e-9);
     }
@@ -241,8 +238,8 @@ const ENCODER: &str = concat!(
     "/../../tests/golden/resnet18.pth"
 );
 
-fn named_values(net: &Net) -> BTreeMap<String, Vec<f32>> {
-    let values = |tensor: Named| (tensor.name, tensor.data.iter::<f32>().collect());
+fn named_values(net: &SystemNet) -> BTreeMap<String, Vec<f32>> {
+    let values = |tensor: NamedTensor| (tensor.name, tensor.data.iter::<f32>().collect());
     named(net).into_iter().map(values).collect()
 }
 
@@ -257,8 +254,8 @@ fn encoders_start_from_files_of_torchvision() {
     };
     let file = format!(r#", "pretrained": "{ENCODER}""#);
     for (method, prefix) in [("s2d", "S2d.resnet."), ("cspn", "Cspn.resnet.")] {
-        let random = begin(&config(method, "resnet18", ""), 3, &device).unwrap();
-        let started = begin(&config(method, "resnet18", &file), 3, &device).unwrap();
+        let random = initial_net(&config(method, "resnet18", ""), 3, &device).unwrap();
+        let started = initial_net(&config(method, "resnet18", &file), 3, &device).unwrap();
         let (random, started) = (named_values(&random), named_values(&started));
         let place = |theirs: &str| {
             let names = read_tensors(ENCODER.as_ref()).unwrap();
@@ -303,11 +300,11 @@ fn encoders_start_from_files_of_torchvision() {
             .all(|(a, b)| (f64::from(*a) - b).abs() < 1e-3)
     );
 
-    let error = begin(&config("s2d", "resnet50", &file), 3, &device).unwrap_err();
+    let error = initial_net(&config("s2d", "resnet50", &file), 3, &device).unwrap_err();
     let text = error.with_causes();
     assert!(text.contains("layer1.0"), "{text}");
     let missing = config("s2d", "resnet18", r#", "pretrained": "nowhere.pth""#);
-    assert!(begin(&missing, 3, &device).is_err());
+    assert!(initial_net(&missing, 3, &device).is_err());
 }
 
 #[test]
@@ -338,11 +335,11 @@ fn parameters_are_as_many_as_published() {
 fn running_statistics_follow_by_the_momentum_of_pytorch() {
     let golden = golden();
     let device = Device::flex().autodiff();
-    let seen = golden.seen(&device);
+    let input = golden.seen(&device);
     for case in &golden.cases {
         let net = case.config.init(0, &device).unwrap();
-        let means = |net: &Net| -> Vec<f32> {
-            net.predict(&seen);
+        let means = |net: &SystemNet| -> Vec<f32> {
+            net.predict(&input);
             let values = named_values(net).into_iter();
             let means = values.filter(|(name, _)| name.ends_with("running_mean"));
             means.flat_map(|(_, values)| values).collect()

@@ -1,15 +1,17 @@
 //! Systems as the subject of a training run.
 
-use super::{Net, Predictor, System as _, SystemConfig, SystemInput, Trained, begin};
+use super::{
+    Predictor, System as _, SystemConfig, SystemInput, SystemNet, SystemWeights, initial_net,
+};
 use burn::module::Module as _;
 use lsdc_eval::data::{Mixture, write_atomically};
-use lsdc_eval::predict::Completes;
+use lsdc_eval::predict::DepthCompleter;
 use lsdc_files::error::{Error, Result};
 use lsdc_train::device::Device;
 use lsdc_train::sample::Batch;
 use lsdc_train::training::{
-    BackboneTraining, Learner, LossConfig, Losses, Objective, Part, Record, Subject, TrainConfig,
-    Trainer, depth_losses,
+    BackboneTraining, Learner, LossConfig, Losses, Objective, Subject, TrainConfig, TrainedPart,
+    Trainer, TrainingRecord, depth_losses,
 };
 use lsdc_weights::{Precision, SCORES_NOTE, TRAINING_NOTE};
 use serde_json::{Value, json};
@@ -42,7 +44,7 @@ pub fn trainer(
 fn check(system: &SystemConfig, config: &TrainConfig) -> Result<()> {
     let alien = [
         ("calibrate", config.calibrate),
-        ("part", config.part != Part::All),
+        ("part", config.part != TrainedPart::All),
         ("start", config.start.is_some()),
         ("backbone", config.backbone != BackboneTraining::default()),
         ("features", config.features.is_some()),
@@ -52,7 +54,7 @@ fn check(system: &SystemConfig, config: &TrainConfig) -> Result<()> {
         ("loss.regularisation", config.loss.regularisation > 0.0),
         (
             "loss.teacher_affinities or teacher_span",
-            config.loss.imitates(),
+            config.loss.compares_networks(),
         ),
     ];
     let Some((name, _)) = alien.iter().find(|(_, given)| *given) else {
@@ -66,49 +68,58 @@ fn check(system: &SystemConfig, config: &TrainConfig) -> Result<()> {
 }
 
 /// Depths near those that are to be found.
-pub struct Predicting {
+pub struct DepthObjective {
     loss: LossConfig,
 }
 
-impl Objective<Net> for Predicting {
-    fn losses(&self, net: &Net, batch: &Batch) -> Result<Losses> {
-        let said = net.predict(&SystemInput::of(batch));
-        // A system of several parts learns from what the first of them say too.
-        Ok(depth_losses(said.depth, said.before, batch, &self.loss))
+impl Objective<SystemNet> for DepthObjective {
+    fn losses(&self, net: &SystemNet, batch: &Batch) -> Result<Losses> {
+        let output = net.predict(&SystemInput::of(batch));
+        // A system of several parts learns from the outputs of the first of them too.
+        Ok(depth_losses(
+            output.depth,
+            output.unrefined,
+            batch,
+            &self.loss,
+        ))
     }
 }
 
 impl Subject for SystemConfig {
-    type Net = Net;
-    type Objective = Predicting;
+    type Net = SystemNet;
+    type Objective = DepthObjective;
 
     fn settings(&self) -> Value {
         json!({ "system": self })
     }
 
-    fn start(&self, run: &Trainer<Self>, device: &Device) -> Result<Net> {
+    fn start(&self, run: &Trainer<Self>, device: &Device) -> Result<SystemNet> {
         let seed = run.config().seed;
         if run.is_new() {
-            begin(self, seed, device)
+            initial_net(self, seed, device)
         } else {
             self.init(seed, device)
         }
     }
 
-    fn learner(&self, run: &Trainer<Self>, device: &Device) -> Result<Learner<Net, Predicting>> {
+    fn learner(
+        &self,
+        run: &Trainer<Self>,
+        device: &Device,
+    ) -> Result<Learner<SystemNet, DepthObjective>> {
         let config = run.config();
-        let objective = Predicting { loss: config.loss };
+        let objective = DepthObjective { loss: config.loss };
         Ok(Learner::with(self.start(run, device)?, objective, config))
     }
 
-    fn completes(&self, run: &Trainer<Self>, net: &Net) -> Result<Box<dyn Completes>> {
-        let empty = Trained::empty(self.clone(), run.normalisation());
+    fn completes(&self, run: &Trainer<Self>, net: &SystemNet) -> Result<Box<dyn DepthCompleter>> {
+        let empty = SystemWeights::empty(self.clone(), run.normalisation());
         Ok(Box::new(Predictor::with(empty, net.valid(), run.device())))
     }
 
-    fn publish(&self, run: &Trainer<Self>, net: &Net, record: Record) -> Result<()> {
-        let mut trained = Trained::of(&net.valid(), self.clone(), run.normalisation());
-        record.keep(&mut trained.notes, run.folder())?;
+    fn publish(&self, run: &Trainer<Self>, net: &SystemNet, record: TrainingRecord) -> Result<()> {
+        let mut trained = SystemWeights::of(&net.valid(), self.clone(), run.normalisation());
+        record.add_to(&mut trained.notes, run.folder())?;
         trained.notes.insert(TRAINING_NOTE.to_owned(), run.note()?);
         if let Some(scores) = run.scores_note(|| self.completes(run, net))? {
             trained.notes.insert(SCORES_NOTE.to_owned(), scores);

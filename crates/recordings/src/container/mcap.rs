@@ -1,9 +1,10 @@
 //! MCAP (<https://mcap.dev/spec>): records one after the other, most of them in chunks.
 
-use super::record::{Channel, ChunkHead, Schema, Stored, op, summary_start};
-use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic, unfolded};
+use super::record::{Channel, ChunkHeader, MessageRecord, Schema, summary_start};
+use super::{Container, Defects, LARGEST, Message, MessageLocation, Topic, Visitor, decompressed};
 use lsdc_files::error::{Cause, Error, Result};
 use mcap::MAGIC;
+use mcap::records::op;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufReader, Read as _, Seek as _};
@@ -17,9 +18,9 @@ const CHUNK_HEAD: u64 = 128;
 /// The last record, and the magic bytes after it.
 const FOOTER: u64 = HEAD + 20 + 8;
 /// Outside of any chunk.
-const ALONE: u64 = u64::MAX;
+const OUTSIDE_CHUNKS: u64 = u64::MAX;
 /// Chunks that are kept: image and points of a frame are in different ones where topics were recorded by turns.
-const KEPT: usize = 3;
+const CACHED_CHUNKS: usize = 3;
 
 /// An MCAP file.
 pub(crate) struct Mcap {
@@ -44,7 +45,7 @@ struct Channels {
 
 impl Channels {
     /// Takes in what a record says of them, if it can be read; the first that is said of a number stands.
-    fn note(&mut self, code: u8, body: &[u8]) -> Option<()> {
+    fn add(&mut self, code: u8, body: &[u8]) -> Option<()> {
         if code == op::SCHEMA {
             let schema = Schema::read(body)?;
             self.schemas.entry(schema.id).or_insert(schema);
@@ -115,7 +116,7 @@ impl Mcap {
             };
             if matches!(code, op::SCHEMA | op::CHANNEL) {
                 let body = self.bytes(at + HEAD, length)?;
-                if self.channels.note(code, &body).is_none() {
+                if self.channels.add(code, &body).is_none() {
                     return Ok(());
                 }
             }
@@ -151,7 +152,7 @@ impl Mcap {
     }
 
     /// Whether a chunk that ends at `end` holds messages of a topic that is wanted, as far as the records behind it say.
-    fn holds(&mut self, end: u64, wanted: &dyn Fn(&Topic) -> bool) -> Result<bool> {
+    fn may_contain(&mut self, end: u64, is_selected: &dyn Fn(&Topic) -> bool) -> Result<bool> {
         if !self.summarised {
             return Ok(true);
         }
@@ -160,7 +161,7 @@ impl Mcap {
             let number = self.bytes(at + HEAD, length.min(2))?;
             let number = number.try_into().map_or(0, u16::from_le_bytes);
             match self.channels.topics.get(&number) {
-                Some(topic) if !wanted(topic) => {}
+                Some(topic) if !is_selected(topic) => {}
                 _ => return Ok(true),
             }
             indexed = true;
@@ -172,39 +173,39 @@ impl Mcap {
     /// The records of a chunk at a byte, whose body is so long; or what is wrong with it.
     fn chunk(&mut self, at: u64, length: u64) -> Result<std::result::Result<Vec<u8>, String>> {
         let start = at + HEAD;
-        let strange = |what: &str| Ok(Err(format!("the chunk at byte {at} {what}")));
+        let unreadable = |what: &str| Ok(Err(format!("the chunk at byte {at} {what}")));
         let head = self.bytes(start, length.min(CHUNK_HEAD))?;
-        let Some(head) = ChunkHead::read(&head) else {
-            return strange("has no sound beginning");
+        let Some(head) = ChunkHeader::read(&head) else {
+            return unreadable("has no sound beginning");
         };
-        if head.stored != length - head.length {
-            return strange("is of another length than it says");
+        if head.compressed_size != length - head.length {
+            return unreadable("is of another length than it says");
         }
-        if !is_plausible(head.unfolded, length) {
-            let size = head.unfolded;
-            return strange(&format!(
+        if !is_plausible(head.decompressed_size, length) {
+            let size = head.decompressed_size;
+            return unreadable(&format!(
                 "says that it unfolds to {size} bytes, more than is read of it"
             ));
         }
-        if head.stored > LARGEST {
-            return strange("is larger than a gigabyte");
+        if head.compressed_size > LARGEST {
+            return unreadable("is larger than a gigabyte");
         }
-        let stored = self.bytes(start + head.length, head.stored)?;
-        let unfolded = match head.compression.as_str() {
+        let stored = self.bytes(start + head.length, head.compressed_size)?;
+        let decompressed = match head.compression.as_str() {
             "" | "none" => Some(stored),
-            "zstd" => zstd::bulk::decompress(&stored, head.unfolded as usize).ok(),
-            "lz4" => unfold_lz4(&stored, head.unfolded),
-            other => return strange(&format!("is compressed by `{other}`, which is not read")),
+            "zstd" => zstd::bulk::decompress(&stored, head.decompressed_size as usize).ok(),
+            "lz4" => decompress_lz4(&stored, head.decompressed_size),
+            other => return unreadable(&format!("is compressed by `{other}`, which is not read")),
         };
-        let Some(unfolded) = unfolded else {
-            return strange("cannot be unfolded");
+        let Some(decompressed) = decompressed else {
+            return unreadable("cannot be unfolded");
         };
-        let sound = unfolded.len() as u64 == head.unfolded;
+        let is_valid = decompressed.len() as u64 == head.decompressed_size;
         let crc = head.crc;
-        if !sound || crc != 0 && crc32fast::hash(&unfolded) != crc {
-            return strange("does not match its check sum");
+        if !is_valid || crc != 0 && crc32fast::hash(&decompressed) != crc {
+            return unreadable("does not match its check sum");
         }
-        Ok(Ok(unfolded))
+        Ok(Ok(decompressed))
     }
 
     /// Visits the messages among the records of a chunk.
@@ -212,22 +213,22 @@ impl Mcap {
         &mut self,
         (file, at): (usize, u64),
         records: &[u8],
-        wanted: &dyn Fn(&Topic) -> bool,
-        each: &mut Each<'_>,
-        flaws: &mut Flaws,
+        is_selected: &dyn Fn(&Topic) -> bool,
+        each: &mut Visitor<'_>,
+        defects: &mut Defects,
     ) -> Result<()> {
         let mut within = 0;
         while within < records.len() {
             let Some((code, body)) = record(records, within) else {
-                flaws.damage(format!("the chunk at byte {at} ends within a record"));
+                defects.add_damage(format!("the chunk at byte {at} ends within a record"));
                 return Ok(());
             };
-            let place = Place {
+            let location = MessageLocation {
                 file,
                 at,
                 within: within as u64,
             };
-            self.visit_record(place, code, body, wanted, each, flaws)?;
+            self.visit_record(location, code, body, is_selected, each, defects)?;
             within += HEAD as usize + body.len();
         }
         Ok(())
@@ -235,45 +236,44 @@ impl Mcap {
 
     fn visit_record(
         &mut self,
-        place: Place,
+        location: MessageLocation,
         code: u8,
         body: &[u8],
-        wanted: &dyn Fn(&Topic) -> bool,
-        each: &mut Each<'_>,
-        flaws: &mut Flaws,
+        is_selected: &dyn Fn(&Topic) -> bool,
+        each: &mut Visitor<'_>,
+        defects: &mut Defects,
     ) -> Result<()> {
-        let damaged = || format!("a record at byte {} cannot be read", place.at);
+        let damaged = || format!("a record at byte {} cannot be read", location.at);
         if code != op::MESSAGE {
-            if self.channels.note(code, body).is_none() {
-                flaws.damage(damaged());
+            if self.channels.add(code, body).is_none() {
+                defects.add_damage(damaged());
             }
             return Ok(());
         }
-        let Some(found) = Stored::read(body) else {
-            flaws.damage(damaged());
+        let Some(found) = MessageRecord::read(body) else {
+            defects.add_damage(damaged());
             return Ok(());
         };
         let Some(topic) = self.channels.topics.get(&found.channel) else {
-            flaws.damage(format!(
+            defects.add_damage(format!(
                 "a message at byte {} is of no known topic",
-                place.at
+                location.at
             ));
             return Ok(());
         };
-        if !wanted(topic) {
+        if !is_selected(topic) {
             return Ok(());
         }
-        let data = match unfolded(found.data) {
+        let data = match decompressed(found.data) {
             Ok(data) => data,
             Err(what) => {
-                flaws.damage(format!("a message at byte {} {what}", place.at));
+                defects.add_damage(format!("a message at byte {} {what}", location.at));
                 return Ok(());
             }
         };
         let message = Message {
-            place,
-            log_time: found.log_time,
-            publish_time: found.publish_time,
+            location,
+            times: found.times,
             sequence: found.sequence,
             data: &data,
         };
@@ -281,8 +281,8 @@ impl Mcap {
     }
 
     /// The records of a chunk, of those that were read last, or read again.
-    fn kept(&mut self, at: u64) -> Result<Arc<Vec<u8>>> {
-        if let Some(i) = self.chunks.iter().position(|(place, _)| *place == at) {
+    fn cached_chunk(&mut self, at: u64) -> Result<Arc<Vec<u8>>> {
+        if let Some(i) = self.chunks.iter().position(|(location, _)| *location == at) {
             let found = self.chunks.remove(i);
             self.chunks.insert(0, found);
         } else {
@@ -291,7 +291,7 @@ impl Mcap {
             let (_, length) = head.ok_or_else(changed)?;
             let chunk = self.chunk(at, length)?;
             let chunk = chunk.map_err(|what| Error::format(&self.path, what))?;
-            self.chunks.truncate(KEPT - 1);
+            self.chunks.truncate(CACHED_CHUNKS - 1);
             self.chunks.insert(0, (at, Arc::new(chunk)));
         }
         Ok(self.chunks[0].1.clone())
@@ -309,44 +309,45 @@ impl Container for Mcap {
     fn visit(
         &mut self,
         file: usize,
-        wanted: &dyn Fn(&Topic) -> bool,
-        each: &mut Each<'_>,
-    ) -> Result<Flaws> {
-        let mut flaws = Flaws::default();
+        is_selected: &dyn Fn(&Topic) -> bool,
+        each: &mut Visitor<'_>,
+    ) -> Result<Defects> {
+        let mut defects = Defects::default();
         let mut at = MAGIC.len() as u64;
         loop {
             let Some((code, length)) = self.head(at)? else {
-                flaws.cut = Some(format!(
+                defects.truncated = Some(format!(
                     "the record at byte {at} of {} is incomplete, and the end of the file is missing",
                     self.size
                 ));
-                return Ok(flaws);
+                return Ok(defects);
             };
             match code {
-                op::CHUNK if !self.holds(at + HEAD + length, wanted)? => {}
+                op::CHUNK if !self.may_contain(at + HEAD + length, is_selected)? => {}
                 op::CHUNK => match self.chunk(at, length)? {
                     Ok(records) => {
-                        self.visit_chunk((file, at), &records, wanted, each, &mut flaws)?;
+                        self.visit_chunk((file, at), &records, is_selected, each, &mut defects)?;
                     }
-                    Err(what) => flaws.damage(what),
+                    Err(what) => defects.add_damage(what),
                 },
                 op::SCHEMA | op::CHANNEL | op::MESSAGE if length > LARGEST => {
-                    flaws.damage(format!("the record at byte {at} is larger than a gigabyte"));
+                    defects
+                        .add_damage(format!("the record at byte {at} is larger than a gigabyte"));
                 }
                 op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                     let body = self.bytes(at + HEAD, length)?;
-                    let place = Place {
+                    let location = MessageLocation {
                         file,
                         at,
-                        within: ALONE,
+                        within: OUTSIDE_CHUNKS,
                     };
-                    self.visit_record(place, code, &body, wanted, each, &mut flaws)?;
+                    self.visit_record(location, code, &body, is_selected, each, &mut defects)?;
                 }
                 op::DATA_END | op::FOOTER => {
-                    let cut =
+                    let truncated =
                         || "all messages are there, but the end of the file is missing".to_owned();
-                    flaws.cut = (!self.ended).then(cut);
-                    return Ok(flaws);
+                    defects.truncated = (!self.ended).then(truncated);
+                    return Ok(defects);
                 }
                 _ => {}
             }
@@ -354,18 +355,18 @@ impl Container for Mcap {
         }
     }
 
-    fn read(&mut self, place: Place) -> Result<Vec<u8>> {
+    fn read(&mut self, location: MessageLocation) -> Result<Vec<u8>> {
         let (chunk, alone);
-        let body = if place.within == ALONE {
-            let length = self.head(place.at)?.map_or(0, |(_, length)| length);
-            alone = self.bytes(place.at + HEAD, length)?;
+        let body = if location.within == OUTSIDE_CHUNKS {
+            let length = self.head(location.at)?.map_or(0, |(_, length)| length);
+            alone = self.bytes(location.at + HEAD, length)?;
             Some(&alone[..])
         } else {
-            chunk = self.kept(place.at)?;
-            record(&chunk, place.within as usize).map(|(_, body)| body)
+            chunk = self.cached_chunk(location.at)?;
+            record(&chunk, location.within as usize).map(|(_, body)| body)
         };
-        let found = body.and_then(Stored::read);
-        match found.and_then(|found| unfolded(found.data).ok()) {
+        let found = body.and_then(MessageRecord::read);
+        match found.and_then(|found| decompressed(found.data).ok()) {
             Some(data) => Ok(data.into_owned()),
             None => Err(Error::new(
                 Cause::Read,
@@ -384,17 +385,17 @@ fn record(records: &[u8], at: usize) -> Option<(u8, &[u8])> {
 }
 
 /// Whether a chunk of so many bytes can unfold to so many; damaged ones promise much more.
-fn is_plausible(unfolded: u64, length: u64) -> bool {
-    unfolded <= LARGEST.min((32 << 20).max(length.saturating_mul(1100)))
+fn is_plausible(decompressed: u64, length: u64) -> bool {
+    decompressed <= LARGEST.min((32 << 20).max(length.saturating_mul(1100)))
 }
 
-fn unfold_lz4(stored: &[u8], size: u64) -> Option<Vec<u8>> {
-    let mut unfolded = Vec::with_capacity(size as usize);
+fn decompress_lz4(stored: &[u8], size: u64) -> Option<Vec<u8>> {
+    let mut decompressed = Vec::with_capacity(size as usize);
     let mut decoder = lz4::Decoder::new(stored).ok()?;
     decoder
         .by_ref()
         .take(size + 1)
-        .read_to_end(&mut unfolded)
+        .read_to_end(&mut decompressed)
         .ok()?;
-    Some(unfolded)
+    Some(decompressed)
 }

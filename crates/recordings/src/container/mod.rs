@@ -32,9 +32,9 @@ pub struct Topic {
     pub metadata: BTreeMap<String, String>,
 }
 
-/// Where a message is, in the order of the recording.
+/// The location of a message, in the order of the recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
+pub struct MessageLocation {
     /// The number of the file.
     pub(crate) file: usize,
     /// In that file: a byte, or the number of a row.
@@ -43,70 +43,77 @@ pub struct Place {
     pub(crate) within: u64,
 }
 
+/// When a message is recorded and published, in nanoseconds.
+#[derive(Clone, Copy, Debug)]
+pub struct MessageTimes {
+    /// When it was recorded.
+    pub log: u64,
+    /// When it was published.
+    pub publish: u64,
+}
+
 /// A message as it is stored.
 #[derive(Clone, Copy, Debug)]
 pub struct Message<'a> {
     /// Where it is.
-    pub place: Place,
-    /// When it was recorded, in nanoseconds.
-    pub log_time: u64,
-    /// When it was published.
-    pub publish_time: u64,
+    pub location: MessageLocation,
+    /// When it was recorded and published.
+    pub times: MessageTimes,
     /// Its number among those of the topic, or 0.
     pub sequence: u32,
     /// In the encoding of the topic.
     pub data: &'a [u8],
 }
 
-/// What is wrong with a file that has been read to its end.
+/// The defects of a file that was read to its end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Flaws {
+pub struct Defects {
     /// Where and how the file is cut off, if it is.
-    pub cut: Option<String>,
+    pub truncated: Option<String>,
     /// Parts that cannot be read.
     pub damaged: usize,
     /// What is wrong with the first of them.
-    pub first: Option<String>,
+    pub first_damage: Option<String>,
     /// Files that belong to the recording and are not there.
-    pub absent: Vec<String>,
+    pub missing_files: Vec<String>,
 }
 
-impl Flaws {
-    fn damage(&mut self, what: String) {
+impl Defects {
+    fn add_damage(&mut self, what: String) {
         self.damaged += 1;
-        self.first.get_or_insert(what);
+        self.first_damage.get_or_insert(what);
     }
 
-    /// What should be said of them, a sentence each.
+    /// A warning for each kind of defect.
     pub fn lines(&self) -> impl Iterator<Item = String> {
-        let cut = self
-            .cut
+        let truncated = self
+            .truncated
             .as_ref()
             .map(|what| format!("the recording is cut off: {what}"));
-        let damaged = self.first.as_ref().map(|what| {
+        let damaged = self.first_damage.as_ref().map(|what| {
             let count = self.damaged;
             format!("{count} parts of the recording are damaged and left out, the first: {what}")
         });
-        let absent = (!self.absent.is_empty()).then(|| {
+        let missing_files = (!self.missing_files.is_empty()).then(|| {
             format!(
                 "files of the recording are missing: {}; those that end in .zstd are unpacked first (zstd -d)",
-                self.absent.join(", ")
+                self.missing_files.join(", ")
             )
         });
-        cut.into_iter().chain(damaged).chain(absent)
+        truncated.into_iter().chain(damaged).chain(missing_files)
     }
 
-    /// Those of another file too.
-    pub(crate) fn and(&mut self, other: Self) {
-        self.cut = self.cut.take().or(other.cut);
+    /// Adds the defects of another file.
+    pub(crate) fn merge(&mut self, other: Self) {
+        self.truncated = self.truncated.take().or(other.truncated);
         self.damaged += other.damaged;
-        self.first = self.first.take().or(other.first);
-        self.absent.extend(other.absent);
+        self.first_damage = self.first_damage.take().or(other.first_damage);
+        self.missing_files.extend(other.missing_files);
     }
 }
 
-/// What is done with each message.
-pub(crate) type Each<'a> = dyn FnMut(&Arc<Topic>, &Message<'_>) -> Result<()> + 'a;
+/// Visits a message.
+pub(crate) type Visitor<'a> = dyn FnMut(&Arc<Topic>, &Message<'_>) -> Result<()> + 'a;
 
 /// A file of messages, which is never held whole.
 pub(crate) trait Container: Send {
@@ -114,23 +121,23 @@ pub(crate) trait Container: Send {
     fn topics(&self) -> Vec<Arc<Topic>>;
 
     /// Visits the messages of some topics in the order of the file; those of other topics may be skipped unread. `file`
-    /// is the number of this file in [`Place`]s.
+    /// is the number of this file in [`MessageLocation`]s.
     fn visit(
         &mut self,
         file: usize,
-        wanted: &dyn Fn(&Topic) -> bool,
-        each: &mut Each<'_>,
-    ) -> Result<Flaws>;
+        is_selected: &dyn Fn(&Topic) -> bool,
+        each: &mut Visitor<'_>,
+    ) -> Result<Defects>;
 
     /// Reads a message that was visited before.
-    fn read(&mut self, place: Place) -> Result<Vec<u8>>;
+    fn read(&mut self, location: MessageLocation) -> Result<Vec<u8>>;
 }
 
 /// How messages begin that rosbag2 compressed each by itself (`compression_mode: message`); cdr begins with a zero.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// A message as it was before it was compressed, if it was.
-fn unfolded(data: &[u8]) -> std::result::Result<Cow<'_, [u8]>, &'static str> {
+fn decompressed(data: &[u8]) -> std::result::Result<Cow<'_, [u8]>, &'static str> {
     if !data.starts_with(&ZSTD) {
         return Ok(data.into());
     }

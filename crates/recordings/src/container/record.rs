@@ -1,17 +1,7 @@
 //! The records of MCAP that are read. What is damaged is no record, and takes no more memory than it has bytes.
 
+use super::MessageTimes;
 use std::collections::BTreeMap;
-
-/// Operation codes.
-pub(super) mod op {
-    pub(in super::super) const FOOTER: u8 = 0x02;
-    pub(in super::super) const SCHEMA: u8 = 0x03;
-    pub(in super::super) const CHANNEL: u8 = 0x04;
-    pub(in super::super) const MESSAGE: u8 = 0x05;
-    pub(in super::super) const CHUNK: u8 = 0x06;
-    pub(in super::super) const MESSAGE_INDEX: u8 = 0x07;
-    pub(in super::super) const DATA_END: u8 = 0x0f;
-}
 
 /// A type of messages.
 pub(super) struct Schema {
@@ -31,21 +21,20 @@ pub(super) struct Channel {
 }
 
 /// A message.
-pub(super) struct Stored<'a> {
+pub(super) struct MessageRecord<'a> {
     pub(super) channel: u16,
     pub(super) sequence: u32,
-    pub(super) log_time: u64,
-    pub(super) publish_time: u64,
+    pub(super) times: MessageTimes,
     pub(super) data: &'a [u8],
 }
 
 /// What comes before the compressed records of a chunk.
-pub(super) struct ChunkHead {
-    pub(super) unfolded: u64,
+pub(super) struct ChunkHeader {
+    pub(super) decompressed_size: u64,
     pub(super) crc: u32,
     pub(super) compression: String,
     /// How many bytes follow.
-    pub(super) stored: u64,
+    pub(super) compressed_size: u64,
     /// How long this head is.
     pub(super) length: u64,
 }
@@ -75,29 +64,31 @@ impl Channel {
     }
 }
 
-impl<'a> Stored<'a> {
+impl<'a> MessageRecord<'a> {
     pub(super) fn read(body: &'a [u8]) -> Option<Self> {
         let mut fields = Fields(body);
         Some(Self {
             channel: fields.u16()?,
             sequence: fields.u32()?,
-            log_time: fields.u64()?,
-            publish_time: fields.u64()?,
+            times: MessageTimes {
+                log: fields.u64()?,
+                publish: fields.u64()?,
+            },
             data: fields.0,
         })
     }
 }
 
-impl ChunkHead {
+impl ChunkHeader {
     /// From the beginning of the body.
     pub(super) fn read(body: &[u8]) -> Option<Self> {
         let mut fields = Fields(body);
         let _times = (fields.u64()?, fields.u64()?);
         Some(Self {
-            unfolded: fields.u64()?,
+            decompressed_size: fields.u64()?,
             crc: fields.u32()?,
             compression: fields.text()?,
-            stored: fields.u64()?,
+            compressed_size: fields.u64()?,
             length: (body.len() - fields.0.len()) as u64,
         })
     }

@@ -1,6 +1,9 @@
 //! The SQLite files of rosbag2: a table of topics and one of messages.
 
-use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic, unfolded};
+use super::{
+    Container, Defects, LARGEST, Message, MessageLocation, MessageTimes, Topic, Visitor,
+    decompressed,
+};
 use lsdc_files::error::{Error, Result};
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, OpenFlags};
@@ -16,18 +19,18 @@ pub(crate) struct Rosbag {
     database: Connection,
     topics: HashMap<i64, Arc<Topic>>,
     /// How the file is shorter than it says, if it is.
-    cut: Option<String>,
+    truncated: Option<String>,
 }
 
 impl Rosbag {
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let cut = missing_pages(path)?;
-        let database = connect(path, cut.is_some())?;
+        let truncated = missing_pages(path)?;
+        let database = connect(path, truncated.is_some())?;
         let mut found = Self {
             path: path.to_owned(),
             database,
             topics: HashMap::new(),
-            cut,
+            truncated,
         };
         found.topics = found.read_topics()?;
         Ok(found)
@@ -94,7 +97,7 @@ impl Rosbag {
             match rows.next() {
                 Ok(Some(row)) => found.extend(read(row)),
                 Ok(None) => return Ok(found),
-                Err(_) if self.cut.is_some() => return Ok(found),
+                Err(_) if self.truncated.is_some() => return Ok(found),
                 Err(e) => return Err(self.damaged(e)),
             }
         }
@@ -109,14 +112,14 @@ impl Container for Rosbag {
     fn visit(
         &mut self,
         file: usize,
-        wanted: &dyn Fn(&Topic) -> bool,
-        each: &mut Each<'_>,
-    ) -> Result<Flaws> {
-        let mut flaws = Flaws {
-            cut: self.cut.clone(),
-            ..Flaws::default()
+        is_selected: &dyn Fn(&Topic) -> bool,
+        each: &mut Visitor<'_>,
+    ) -> Result<Defects> {
+        let mut defects = Defects {
+            truncated: self.truncated.clone(),
+            ..Defects::default()
         };
-        let known = self.topics.iter().filter(|(_, topic)| wanted(topic));
+        let known = self.topics.iter().filter(|(_, topic)| is_selected(topic));
         let known: Vec<String> = known.map(|(id, _)| id.to_string()).collect();
         let query = format!(
             "SELECT id, topic_id, timestamp, data FROM messages WHERE topic_id IN ({}) ORDER BY id",
@@ -128,48 +131,44 @@ impl Container for Rosbag {
         loop {
             let row = match rows.next() {
                 Ok(Some(row)) => row,
-                Ok(None) => return Ok(flaws),
+                Ok(None) => return Ok(defects),
                 // Pages that are not there: so it ends here.
-                Err(_) if flaws.cut.is_some() => return Ok(flaws),
+                Err(_) if defects.truncated.is_some() => return Ok(defects),
                 Err(e) => {
-                    flaws.damage(format!("the messages after row {last} cannot be read: {e}"));
-                    return Ok(flaws);
+                    defects
+                        .add_damage(format!("the messages after row {last} cannot be read: {e}"));
+                    return Ok(defects);
                 }
             };
-            let found = (|| {
-                let stamp = row.get::<_, i64>(2)?;
-                Ok((
-                    row.get::<_, i64>(0)?,
-                    row.get::<_, i64>(1)?,
-                    stamp,
-                    row.get_ref(3)?,
-                ))
-            })();
-            let Ok((id, topic, stamp, data)) = found.map_err(|_: rusqlite::Error| ()) else {
-                flaws.damage(format!("the row after {last} is no message"));
+            let [id, topic, stamp] = [0_usize, 1, 2].map(|column| row.get::<_, i64>(column));
+            let (Ok(id), Ok(topic), Ok(stamp), Ok(data)) = (id, topic, stamp, row.get_ref(3))
+            else {
+                defects.add_damage(format!("the row after {last} is no message"));
                 continue;
             };
             last = id;
             let (Some(topic), Ok(data)) = (self.topics.get(&topic), data.as_blob()) else {
-                flaws.damage(format!("row {id} is no message"));
+                defects.add_damage(format!("row {id} is no message"));
                 continue;
             };
-            let data = match unfolded(data) {
+            let data = match decompressed(data) {
                 Ok(data) => data,
                 Err(what) => {
-                    flaws.damage(format!("the message of row {id} {what}"));
+                    defects.add_damage(format!("the message of row {id} {what}"));
                     continue;
                 }
             };
             let stamp = u64::try_from(stamp).unwrap_or(0);
             let message = Message {
-                place: Place {
+                location: MessageLocation {
                     file,
                     at: id as u64,
                     within: 0,
                 },
-                log_time: stamp,
-                publish_time: stamp,
+                times: MessageTimes {
+                    log: stamp,
+                    publish: stamp,
+                },
                 sequence: 0,
                 data: &data,
             };
@@ -177,15 +176,15 @@ impl Container for Rosbag {
         }
     }
 
-    fn read(&mut self, place: Place) -> Result<Vec<u8>> {
+    fn read(&mut self, location: MessageLocation) -> Result<Vec<u8>> {
         let query = "SELECT data FROM messages WHERE id = ?1";
         let mut statement = self.database.prepare(query).map_err(|e| self.damaged(e))?;
-        let data = statement.query_row([place.at as i64], |row| row.get::<_, Vec<u8>>(0));
+        let data = statement.query_row([location.at as i64], |row| row.get::<_, Vec<u8>>(0));
         let data = data.map_err(|e| self.damaged(e))?;
-        let found = unfolded(&data).map_err(|what| {
+        let found = decompressed(&data).map_err(|what| {
             Error::format(
                 &self.path,
-                format!("the message of row {} {what}", place.at),
+                format!("the message of row {} {what}", location.at),
             )
         })?;
         Ok(found.into_owned())

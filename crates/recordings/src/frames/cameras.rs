@@ -1,35 +1,35 @@
 //! The cameras of a recording: of its images, and of its images of depths.
 
-use crate::message::{Described, Stamp, camera_of};
-use crate::series::Series;
+use crate::message::{StampedCamera, Timestamp, camera_of};
+use crate::rigid::Rigid;
+use crate::series::TimeSeries;
 use crate::transforms::Transforms;
 use lsdc_files::Camera;
 use lsdc_files::error::Error;
 
 /// The cameras that a topic describes, each once.
-pub(super) struct Collected {
+#[derive(Default)]
+pub(super) struct CameraCollector {
     /// Whether they are those of rectified images.
     rectified: bool,
-    found: Vec<(Stamp, Described)>,
+    found: Vec<(Timestamp, StampedCamera)>,
     /// What is wrong with the first that is none, and how many are none.
-    pub(super) bad: Option<Error>,
+    pub(super) first_error: Option<Error>,
     pub(super) unusable: usize,
 }
 
-impl Collected {
+impl CameraCollector {
     pub(super) fn new(rectified: bool) -> Self {
         Self {
             rectified,
-            found: Vec::new(),
-            bad: None,
-            unusable: 0,
+            ..Self::default()
         }
     }
 
     pub(super) fn add(&mut self, message: &[u8]) {
         match camera_of(message, self.rectified) {
             Ok(found) => {
-                let same = |last: &Described| {
+                let same = |last: &StampedCamera| {
                     last.camera == found.camera && last.baseline == found.baseline
                 };
                 if self.found.last().is_none_or(|(_, last)| !same(last)) {
@@ -38,7 +38,7 @@ impl Collected {
             }
             Err(error) => {
                 self.unusable += 1;
-                self.bad.get_or_insert(error);
+                self.first_error.get_or_insert(error);
             }
         }
     }
@@ -49,7 +49,7 @@ impl Collected {
                 .found
                 .first()
                 .map(|(_, first)| first.header.frame.clone()),
-            series: Series::new(self.found),
+            series: TimeSeries::new(self.found),
             is_beside: false,
         }
     }
@@ -60,7 +60,7 @@ impl Collected {
 pub(super) struct Cameras {
     /// The frame of reference that the first of them names.
     pub(super) frame: Option<String>,
-    series: Series<Described>,
+    series: TimeSeries<StampedCamera>,
     /// Whether they are beside the origin of their frame by their baselines.
     is_beside: bool,
 }
@@ -71,13 +71,15 @@ impl Cameras {
     }
 
     /// At its place in its frame, that which was valid at a time.
-    pub(super) fn at(&self, stamp: Stamp) -> Option<Camera> {
-        let Described {
+    pub(super) fn at(&self, stamp: Timestamp) -> Option<Camera> {
+        let StampedCamera {
             camera, baseline, ..
         } = self.series.valid(stamp)?;
         Some(if self.is_beside {
             let [x, y] = *baseline;
-            camera.clone().with_pose(STRAIGHT, [-x, -y, 0.0])
+            camera
+                .clone()
+                .with_pose(Rigid::IDENTITY.matrix(), [-x, -y, 0.0])
         } else {
             camera.clone()
         })
@@ -85,11 +87,11 @@ impl Cameras {
 
     /// Places cameras of the topic that have a baseline: beside the origin of their frame, unless transforms place this
     /// frame beside another one already. Returns what is to be said about it.
-    pub(super) fn place(
+    pub(super) fn apply_baseline(
         &mut self,
         topic: &str,
         frame: &str,
-        stamp: Stamp,
+        stamp: Timestamp,
         tree: &Transforms,
     ) -> Option<String> {
         let baseline = self.series.valid(stamp)?.baseline;
@@ -115,10 +117,13 @@ impl Cameras {
     }
 }
 
-const STRAIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-
 /// The frame that another one is beside by a baseline, if transforms say so.
-fn first_of_pair(tree: &Transforms, frame: &str, [x, y]: [f64; 2], stamp: Stamp) -> Option<String> {
+fn first_of_pair(
+    tree: &Transforms,
+    frame: &str,
+    [x, y]: [f64; 2],
+    stamp: Timestamp,
+) -> Option<String> {
     // Calibrations and drawings of a camera differ.
     let near = 0.1 * x.hypot(y) + 0.002;
     let is_beside = |other: &&str| {
@@ -126,10 +131,11 @@ fn first_of_pair(tree: &Transforms, frame: &str, [x, y]: [f64; 2], stamp: Stamp)
         let moved = tree.between(&route, [stamp; 2]).ok()?;
         let [a, b, c] = moved.translation();
         let matrix = moved.matrix();
-        let pairs = matrix.as_flattened().iter().zip(STRAIGHT.as_flattened());
+        let identity = Rigid::IDENTITY.matrix();
+        let pairs = matrix.as_flattened().iter().zip(identity.as_flattened());
         let turned = pairs.map(|(v, one)| (v - one).abs()).fold(0.0, f64::max);
-        let off = (a + x).hypot(b + y).hypot(c);
-        (off <= near && turned < 0.02).then_some(())
+        let deviation = (a + x).hypot(b + y).hypot(c);
+        (deviation <= near && turned < 0.02).then_some(())
     };
     let mut others = tree.frames().filter(|other| *other != frame);
     others
@@ -139,7 +145,7 @@ fn first_of_pair(tree: &Transforms, frame: &str, [x, y]: [f64; 2], stamp: Stamp)
 
 /// How far apart a camera of depths and that of images see the same place, in pixels of the image: 0 where depths are
 /// registered. The largest of a grid of pixels, a metre away, that both see; infinite if there is none.
-pub(super) fn apart(depths: &Camera, images: &Camera) -> f64 {
+pub(super) fn registration_error(depths: &Camera, images: &Camera) -> f64 {
     /// Pixels of the grid, across and down.
     const STEPS: usize = 9;
     let [.., cx, cy] = depths.intrinsics();
@@ -150,14 +156,15 @@ pub(super) fn apart(depths: &Camera, images: &Camera) -> f64 {
         .unwrap_or((middle[0], middle[1]));
     let (across, down) = images.size().unwrap_or((width, height));
     let at = |step: usize, length: usize| (length as f64 - 1.0) * step as f64 / (STEPS - 1) as f64;
-    let scaled = |place: f64, from: usize, to: usize| (place + 0.5) * to as f64 / from as f64 - 0.5;
-    let off = |row: usize, column: usize| {
+    let scaled =
+        |position: f64, from: usize, to: usize| (position + 0.5) * to as f64 / from as f64 - 0.5;
+    let deviation = |row: usize, column: usize| {
         let [u, v] = [at(column, width), at(row, height)];
-        let place = depths.unproject([u, v], 1.0)?;
-        let ([x, y], _) = images.project(place)?;
+        let position = depths.unproject([u, v], 1.0)?;
+        let ([x, y], _) = images.project(position)?;
         Some((x - scaled(u, width, across)).hypot(y - scaled(v, height, down)))
     };
     let all = (0..STEPS).flat_map(|row| (0..STEPS).map(move |column| (row, column)));
-    let seen = all.filter_map(|(row, column)| off(row, column));
+    let seen = all.filter_map(|(row, column)| deviation(row, column));
     seen.reduce(f64::max).unwrap_or(f64::INFINITY)
 }

@@ -1,7 +1,9 @@
 //! Which topics hold what.
 
-use super::wanted::Wanted;
-use crate::message::Kind;
+use super::options::FrameOptions;
+use crate::message::MessageType::{
+    self, CameraInfo, CompressedImage, Image, PointCloud2, Transforms,
+};
 use crate::{Recording, Survey, Topic};
 use lsdc_files::error::{Error, Result};
 use std::sync::Arc;
@@ -9,67 +11,63 @@ use std::sync::Arc;
 /// The topics that frames are made of.
 #[derive(Clone, Debug)]
 pub(super) struct Topics {
-    pub(super) image: (String, Kind),
-    pub(super) points: (String, Kind),
+    pub(super) image: (String, MessageType),
+    pub(super) points: (String, MessageType),
     pub(super) camera_info: Option<String>,
     /// Of images of depths.
     pub(super) depth_info: Option<String>,
     pub(super) tf: Vec<String>,
 }
 
-const IMAGES: [Kind; 2] = [Kind::Image, Kind::CompressedImage];
-const POINTS: [Kind; 3] = [Kind::PointCloud2, Kind::Image, Kind::CompressedImage];
+const IMAGES: [MessageType; 2] = [Image, CompressedImage];
+const POINTS: [MessageType; 3] = [PointCloud2, Image, CompressedImage];
 
 impl Topics {
-    pub(super) fn choose(recording: &mut Recording, wanted: &Wanted) -> Result<Self> {
+    pub(super) fn choose(recording: &mut Recording, options: &FrameOptions) -> Result<Self> {
         let mut topics = recording.topics();
         if topics.is_empty() {
             let survey = Survey::of(recording)?;
             topics = survey
                 .topics
                 .into_iter()
-                .map(|counted| counted.topic)
+                .map(|summary| summary.topic)
                 .collect();
         }
-        let choice = Choice {
+        let chooser = TopicChooser {
             topics,
             recording: recording.path().display().to_string(),
         };
-        let points = choice.pick(
+        let points = chooser.pick(
             "--points",
-            wanted.points.as_deref(),
+            options.points.as_deref(),
             &POINTS,
-            &[Kind::PointCloud2],
+            &[PointCloud2],
         )?;
-        let image = choice.pick("--image", wanted.image.as_deref(), &IMAGES, &IMAGES)?;
-        let infos = [Kind::CameraInfo];
-        let camera_info = match &wanted.camera_info {
-            _ if wanted.camera.is_some() => None,
-            Some(_) => Some(
-                choice
-                    .pick("--camera-info", wanted.camera_info.as_deref(), &infos, &[])?
-                    .0,
-            ),
-            None => choice.beside(&image.0),
+        let image = chooser.pick("--image", options.image.as_deref(), &IMAGES, &IMAGES)?;
+        let infos = [CameraInfo];
+        let camera_info = match &options.camera_info {
+            _ if options.camera.is_some() => None,
+            Some(name) => Some(chooser.pick("--camera-info", Some(name), &infos, &[])?.0),
+            None => chooser.find_camera_info(&image.0),
         };
-        let depth_info = if points.1 == Kind::PointCloud2 {
+        let depth_info = if points.1 == PointCloud2 {
             None
         } else {
-            choice.beside(&points.0)
+            chooser.find_camera_info(&points.0)
         };
-        let transforms = [Kind::Transforms];
-        let tf = if wanted.camera.is_some() {
+        let transforms = [Transforms];
+        let tf = if options.camera.is_some() {
             Vec::new()
-        } else if wanted.tf.is_empty() {
-            choice
+        } else if options.tf.is_empty() {
+            chooser
                 .of(&transforms)
                 .map(|topic| topic.name.clone())
                 .collect()
         } else {
-            let picked = wanted
+            let picked = options
                 .tf
                 .iter()
-                .map(|name| choice.pick("--tf", Some(name), &transforms, &[]));
+                .map(|name| chooser.pick("--tf", Some(name), &transforms, &[]));
             picked.map(|found| Ok(found?.0)).collect::<Result<_>>()?
         };
         Ok(Self {
@@ -101,7 +99,7 @@ impl Topics {
         if no_camera {
             return Err(missing(&self.image.0, &self.camera_info));
         }
-        if self.points.1 != Kind::PointCloud2 && no_depth_camera {
+        if self.points.1 != PointCloud2 && no_depth_camera {
             return Err(missing(&self.points.0, &self.depth_info));
         }
         Ok(())
@@ -114,16 +112,17 @@ pub(super) fn is_rectified(topic: &str) -> bool {
 }
 
 /// Topics to choose from.
-struct Choice {
+struct TopicChooser {
     topics: Vec<Arc<Topic>>,
     recording: String,
 }
 
-impl Choice {
+impl TopicChooser {
     /// Those of some types.
-    fn of<'a>(&'a self, kinds: &'a [Kind]) -> impl Iterator<Item = &'a Arc<Topic>> {
-        let is =
-            |topic: &&Arc<Topic>| Kind::of(&topic.kind).is_some_and(|kind| kinds.contains(&kind));
+    fn of<'a>(&'a self, types: &'a [MessageType]) -> impl Iterator<Item = &'a Arc<Topic>> {
+        let is = |topic: &&Arc<Topic>| {
+            MessageType::of(&topic.kind).is_some_and(|kind| types.contains(&kind))
+        };
         self.topics.iter().filter(is)
     }
 
@@ -132,14 +131,14 @@ impl Choice {
         &self,
         option: &str,
         named: Option<&str>,
-        kinds: &[Kind],
-        usual: &[Kind],
-    ) -> Result<(String, Kind)> {
+        types: &[MessageType],
+        default_types: &[MessageType],
+    ) -> Result<(String, MessageType)> {
         let Self { recording, .. } = self;
-        let list = |kinds: &[Kind]| {
-            let names: Vec<&str> = self.of(kinds).map(|topic| topic.name.as_str()).collect();
+        let list = |types: &[MessageType]| {
+            let names: Vec<&str> = self.of(types).map(|topic| topic.name.as_str()).collect();
             if names.is_empty() {
-                let types: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+                let types: Vec<&str> = types.iter().map(|kind| kind.name()).collect();
                 let none = format!("it has none of {}", types.join(", "));
                 let other = self.topics.iter().find(|topic| topic.encoding != CDR);
                 match other {
@@ -155,39 +154,42 @@ impl Choice {
         };
         let Some(named) = named else {
             // Images of depths are no images to complete.
-            let found = self.of(usual).filter(|topic| !topic.name.contains("epth"));
+            let found = self
+                .of(default_types)
+                .filter(|topic| !topic.name.contains("epth"));
             let found: Vec<&Arc<Topic>> = found.collect();
             let what = match &found[..] {
-                [topic] => return sound(topic, kinds),
+                [topic] => return check_type(topic, types),
                 [] => format!("`{recording}` has no topic that {option} could be"),
                 _ => format!("`{recording}` has several topics that {option} could be"),
             };
             let hint = format!(
                 "give {option} TOPIC; {}",
-                list(if found.is_empty() { kinds } else { usual })
+                list(if found.is_empty() {
+                    types
+                } else {
+                    default_types
+                })
             );
             return Err(Error::config(what).hint(hint));
         };
         let topic = self.topics.iter().find(|topic| topic.name == named);
         let Some(topic) = topic else {
             let what = format!("`{recording}` has no topic `{named}`");
-            return Err(Error::config(what).hint(list(kinds)));
+            return Err(Error::config(what).hint(list(types)));
         };
-        sound(topic, kinds).map_err(|error| match error.advice() {
+        check_type(topic, types).map_err(|error| match error.advice() {
             Some(_) => error,
-            None => error.hint(list(kinds)),
+            None => error.hint(list(types)),
         })
     }
 
     /// The camera of images: `camera_info` in the same place as their topic, or one above that.
-    fn beside(&self, image: &str) -> Option<String> {
+    fn find_camera_info(&self, image: &str) -> Option<String> {
         let above = image.rsplit_once('/').map_or("", |(above, _)| above);
         let further = above.rsplit_once('/').map_or("", |(further, _)| further);
-        let names = [above, further].map(|place| format!("{place}/camera_info"));
-        let is_there = |name: &String| {
-            self.of(&[Kind::CameraInfo])
-                .any(|topic| topic.name == *name)
-        };
+        let names = [above, further].map(|namespace| format!("{namespace}/camera_info"));
+        let is_there = |name: &String| self.of(&[CameraInfo]).any(|topic| topic.name == *name);
         names.into_iter().find(is_there)
     }
 }
@@ -199,14 +201,14 @@ const ENCODED: &str = "messages of ROS 2 in cdr are read: convert recordings of 
                        (as of Foxglove) as sensor_msgs";
 
 /// The name and type of a topic, if it is one of these.
-fn sound(topic: &Topic, kinds: &[Kind]) -> Result<(String, Kind)> {
+fn check_type(topic: &Topic, types: &[MessageType]) -> Result<(String, MessageType)> {
     let Topic {
         name,
         kind,
         encoding,
         ..
     } = topic;
-    let Some(known) = Kind::of(kind).filter(|kind| kinds.contains(kind)) else {
+    let Some(known) = MessageType::of(kind).filter(|kind| types.contains(kind)) else {
         return Err(Error::config(format!(
             "the topic `{name}` is of type {kind}"
         )));

@@ -2,39 +2,39 @@
 
 mod cameras;
 mod choice;
-mod loaded;
+mod decoded;
+mod options;
 mod stamps;
 mod sweep;
-mod wanted;
 
-pub use loaded::{Loaded, Stored};
-pub use sweep::Deskewed;
+pub use decoded::{DecodedFrame, FrameMessages};
+pub use options::FrameOptions;
+pub use sweep::PointTimes;
 pub(crate) use sweep::timed;
-pub use wanted::Wanted;
 
-use crate::container::Place;
-use crate::message::{Header, Kind, Points, Stamp, transforms};
-use crate::series::Series;
-use crate::transforms::{Gap, Route, Transforms};
-use crate::{Flaws, Recording};
-use cameras::{Cameras, apart};
+use crate::container::{MessageLocation, MessageTimes};
+use crate::message::{Header, MessageType, PointCloud, Timestamp, transforms};
+use crate::series::TimeSeries;
+use crate::transforms::{Route, TransformGap, Transforms};
+use crate::{Defects, Recording};
+use cameras::{CameraCollector, Cameras, registration_error};
 use choice::{Topics, is_rectified};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{Camera, Unit};
 use std::time::Duration;
-use sweep::Trial;
+use sweep::ClockDetector;
 
 /// The frames of a recording. As many images as there are messages are either found or dropped.
 pub struct Frames {
     topics: Topics,
     /// In the order of the recording.
-    pub found: Vec<Frame>,
+    pub found: Vec<SyncedFrame>,
     /// Images that cannot be used, in the order of the recording.
-    pub dropped: Vec<Dropped>,
+    pub dropped: Vec<DroppedFrame>,
     /// What was assumed or left out and should be checked, a sentence each.
     pub remarks: Vec<String>,
     unit: Option<Unit>,
-    given: Option<Camera>,
+    given_camera: Option<Camera>,
     cameras: Cameras,
     /// Of images of depths.
     depth_cameras: Cameras,
@@ -43,47 +43,47 @@ pub struct Frames {
     transforms: Transforms,
     /// From the points to the camera, unless that is given.
     route: Option<Route>,
-    /// How points have times of their own by which they are seen, if they have.
-    deskewed: Option<Deskewed>,
+    /// The times of the points, if motion within a cloud is compensated.
+    point_times: Option<PointTimes>,
 }
 
-/// An image and its points.
+/// An image and the points nearest to it in time.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub struct SyncedFrame {
     /// When the image was taken.
-    pub stamp: Stamp,
+    pub stamp: Timestamp,
     /// Where the image is in the recording.
-    pub place: Place,
+    pub location: MessageLocation,
     /// When the image was recorded and published, in nanoseconds.
-    pub times: crate::Times,
-    points: Place,
+    pub times: MessageTimes,
+    points: MessageLocation,
     /// When the points were measured.
-    points_stamp: Stamp,
+    points_stamp: Timestamp,
 }
 
 /// An image that cannot be used.
 #[derive(Clone, Debug)]
-pub struct Dropped {
+pub struct DroppedFrame {
     /// When it was taken.
-    pub stamp: Stamp,
+    pub stamp: Timestamp,
     /// Why it cannot be used.
-    pub reason: Reason,
+    pub reason: DropReason,
 }
 
 /// Why an image cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Reason {
+pub enum DropReason {
     /// The nearest points are so many nanoseconds away, if there are any.
     NoPoints(Option<u64>),
     /// It is not known where camera and points were.
-    NoTransform(Gap),
+    NoTransform(TransformGap),
     /// It is of another frame of reference than the first image, or its points than the first points.
     OtherFrame(String),
     /// The message is damaged.
     Damaged(String),
 }
 
-impl Reason {
+impl DropReason {
     /// Which kind of reason it is, for counting.
     pub fn kind(&self) -> &'static str {
         match self {
@@ -95,15 +95,15 @@ impl Reason {
     }
 }
 
-impl std::fmt::Display for Reason {
+impl std::fmt::Display for DropReason {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::NoPoints(None) => write!(f, "there are no points"),
-            Self::NoPoints(Some(away)) => {
+            Self::NoPoints(Some(distance)) => {
                 write!(
                     f,
                     "the nearest points are {:.3} s away",
-                    *away as f64 * 1e-9
+                    *distance as f64 * 1e-9
                 )
             }
             Self::NoTransform(gap) => write!(f, "{gap}"),
@@ -113,39 +113,35 @@ impl std::fmt::Display for Reason {
     }
 }
 
-/// A message that something was measured in.
+/// A message with its times.
 #[derive(Clone, Debug)]
-struct Measured {
-    place: Place,
-    times: crate::Times,
+struct TimedMessage {
+    location: MessageLocation,
+    times: MessageTimes,
     /// The frame of reference, if it is not that of the first.
     other_frame: Option<String>,
 }
 
-/// What a pass over a recording collects of a topic.
+/// The messages of a topic, collected in a pass over a recording.
 #[derive(Default)]
-struct Collected {
-    found: Vec<(Stamp, Measured)>,
+struct TopicMessages {
+    found: Vec<(Timestamp, TimedMessage)>,
     /// The frame of reference of the first.
     frame: Option<String>,
-    damaged: Vec<Dropped>,
+    damaged: Vec<DroppedFrame>,
     /// Messages without a stamp, which are taken at the time that they were recorded.
     unstamped: usize,
 }
 
-impl Collected {
+impl TopicMessages {
     fn add(&mut self, message: &crate::Message<'_>) {
-        let times = crate::Times {
-            log: message.log_time,
-            publish: message.publish_time,
-        };
-        let recorded = i64::try_from(message.log_time).unwrap_or(0);
+        let recorded = i64::try_from(message.times.log).unwrap_or(0);
         let header = match Header::of(message.data) {
             Ok(header) => header,
             Err(error) => {
-                self.damaged.push(Dropped {
+                self.damaged.push(DroppedFrame {
                     stamp: recorded,
-                    reason: Reason::Damaged(error.with_causes()),
+                    reason: DropReason::Damaged(error.with_causes()),
                 });
                 return;
             }
@@ -157,9 +153,9 @@ impl Collected {
             header.stamp
         };
         let first = self.frame.get_or_insert_with(|| header.frame.clone());
-        let measured = Measured {
-            place: message.place,
-            times,
+        let measured = TimedMessage {
+            location: message.location,
+            times: message.times,
             other_frame: (*first != header.frame).then_some(header.frame),
         };
         self.found.push((stamp, measured));
@@ -172,47 +168,49 @@ impl Frames {
     /// # Errors
     /// Topics that are not there or are of another type; a camera or transforms that are missing; a recording that
     /// cannot be read.
-    pub fn of(recording: &mut Recording, wanted: &Wanted) -> Result<Self> {
-        let topics = Topics::choose(recording, wanted)?;
-        let (mut images, mut points) = (Collected::default(), Collected::default());
+    pub fn of(recording: &mut Recording, options: &FrameOptions) -> Result<Self> {
+        let topics = Topics::choose(recording, options)?;
+        let (mut images, mut points) = (TopicMessages::default(), TopicMessages::default());
         let [mut cameras, mut depth_cameras] = [&topics.image.0, &topics.points.0]
-            .map(|topic| cameras::Collected::new(is_rectified(topic)));
+            .map(|topic| CameraCollector::new(is_rectified(topic)));
         let mut tree = Transforms::default();
         let mut unusable = 0;
-        let deskew = wanted.deskew && topics.points.1 == Kind::PointCloud2;
-        let mut trial = Trial::default();
-        let flaws = recording.visit(&|topic| topics.has(&topic.name), &mut |topic, message| {
-            let name = topic.name.as_str();
-            if name == topics.image.0 {
-                images.add(message);
-            }
-            if name == topics.points.0 {
-                points.add(message);
-                if let (true, Some((stamp, _))) = (deskew, points.found.last()) {
-                    // What is damaged is said where it is needed.
-                    let _ = Points::of(message.data).map(|cloud| trial.add(&cloud, *stamp));
+        let deskew = options.deskew && topics.points.1 == MessageType::PointCloud2;
+        let mut detector = ClockDetector::default();
+        let defects =
+            recording.visit(&|topic| topics.has(&topic.name), &mut |topic, message| {
+                let name = topic.name.as_str();
+                if name == topics.image.0 {
+                    images.add(message);
                 }
-            }
-            if topics.camera_info.as_deref() == Some(name) {
-                cameras.add(message.data);
-            }
-            if topics.depth_info.as_deref() == Some(name) {
-                depth_cameras.add(message.data);
-            }
-            if topics.tf.iter().any(|tf| tf == name) {
-                match transforms(message.data) {
-                    Ok((found, bad)) => {
-                        unusable += bad;
-                        let is_static = name.ends_with("static");
-                        for found in found {
-                            tree.add(found, is_static);
-                        }
+                if name == topics.points.0 {
+                    points.add(message);
+                    if let (true, Some((stamp, _))) = (deskew, points.found.last()) {
+                        // What is damaged is said where it is needed.
+                        let _ =
+                            PointCloud::of(message.data).map(|cloud| detector.add(&cloud, *stamp));
                     }
-                    Err(_) => unusable += 1,
                 }
-            }
-            Ok(())
-        })?;
+                if topics.camera_info.as_deref() == Some(name) {
+                    cameras.add(message.data);
+                }
+                if topics.depth_info.as_deref() == Some(name) {
+                    depth_cameras.add(message.data);
+                }
+                if topics.tf.iter().any(|tf| tf == name) {
+                    match transforms(message.data) {
+                        Ok((found, damaged)) => {
+                            unusable += damaged;
+                            let is_static = name.ends_with("static");
+                            for found in found {
+                                tree.add(found, is_static);
+                            }
+                        }
+                        Err(_) => unusable += 1,
+                    }
+                }
+                Ok(())
+            })?;
         tree.sort();
         let unusable = [
             (
@@ -221,31 +219,34 @@ impl Frames {
             ),
             (unusable, "transforms are damaged and left out"),
         ];
-        let bad = cameras.bad.take().or(depth_cameras.bad.take());
+        let first_error = cameras
+            .first_error
+            .take()
+            .or(depth_cameras.first_error.take());
         let mut frames = Self {
             found: Vec::new(),
             dropped: std::mem::take(&mut images.damaged),
-            remarks: remarks(&flaws, [&images, &points], &unusable, &tree),
-            unit: wanted.unit,
-            given: wanted.camera.clone(),
+            remarks: remarks(&defects, [&images, &points], &unusable, &tree),
+            unit: options.unit,
+            given_camera: options.camera.clone(),
             cameras: cameras.cameras(),
             depth_cameras: depth_cameras.cameras(),
             registered: false,
             transforms: tree,
             route: None,
-            deskewed: None,
+            point_times: None,
             topics,
         };
-        frames.see([&images, &points]);
-        frames.route = frames.routed([&images, &points], wanted, bad)?;
-        frames.deskew(trial);
-        frames.pair(images, points, wanted.tolerance);
+        frames.register_cameras([&images, &points]);
+        frames.route = frames.find_route([&images, &points], options, first_error)?;
+        frames.deskew(detector);
+        frames.pair(images, points, options.tolerance);
         Ok(frames)
     }
 
-    /// How points have times of their own by which they are seen, if they have.
-    pub fn deskewed(&self) -> Option<&Deskewed> {
-        self.deskewed.as_ref()
+    /// The times of the points, if motion within a cloud is compensated.
+    pub fn point_times(&self) -> Option<&PointTimes> {
+        self.point_times.as_ref()
     }
 
     /// The camera of the images, and what of it holds: of unrectified images K and D, of rectified ones P. Nothing if no
@@ -254,7 +255,7 @@ impl Frames {
         let Topics {
             image, camera_info, ..
         } = &self.topics;
-        if self.given.is_some() {
+        if self.given_camera.is_some() {
             return Some("given, in the frame of the points".to_owned());
         }
         let topic = camera_info.as_ref().filter(|_| !self.cameras.is_empty())?;
@@ -273,16 +274,11 @@ impl Frames {
 
     /// Whether points are clouds, all of one time unless they are deskewed.
     pub fn has_clouds(&self) -> bool {
-        self.topics.points.1 == Kind::PointCloud2
+        self.topics.points.1 == MessageType::PointCloud2
     }
 
-    /// Whether points are images of depths.
-    fn has_maps(&self) -> bool {
-        !self.has_clouds()
-    }
-
-    /// Places cameras in their frames, decides whether depths are of the pixels of the image, and remarks what that assumes.
-    fn see(&mut self, [images, points]: [&Collected; 2]) {
+    /// Places cameras in their frames, decides whether depths are registered to the image, and adds remarks about both.
+    fn register_cameras(&mut self, [images, points]: [&TopicMessages; 2]) {
         let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
             return;
         };
@@ -296,32 +292,32 @@ impl Frames {
                 continue;
             };
             self.remarks
-                .extend(cameras.place(topic, frame, stamp, &self.transforms));
+                .extend(cameras.apply_baseline(topic, frame, stamp, &self.transforms));
             if let Some(own) = cameras.frame.as_ref().filter(|own| *own != frame) {
                 self.remarks.push(format!(
                     "`{topic}` is in the frame `{own}`, but its images are in `{frame}`, which is used"
                 ));
             }
         }
-        let same = image == cloud && self.given.is_none();
+        let same = image == cloud && self.given_camera.is_none();
         if same && image.is_empty() {
             self.remarks.push(
                 "the messages name no frame of reference: the points are taken to be in that of the camera".to_owned(),
             );
         }
-        if self.has_clouds() || !same && self.given.is_none() {
+        if self.has_clouds() || !same && self.given_camera.is_none() {
             return;
         }
-        let why = if self.given.is_some() {
+        let why = if self.given_camera.is_some() {
             "the camera is given".to_owned()
         } else {
             format!("both are in the frame `{image}`")
         };
-        let camera = self.given.clone().or_else(|| self.cameras.at(stamp));
+        let camera = self.given_camera.clone().or_else(|| self.cameras.at(stamp));
         let remark = match (camera, self.depth_cameras.at(stamp)) {
             (Some(camera), Some(depths)) => {
-                let pixels = apart(&depths, &camera);
-                self.registered = pixels <= NEAR;
+                let pixels = registration_error(&depths, &camera);
+                self.registered = pixels <= MAX_REGISTRATION_ERROR;
                 (!self.registered).then(|| {
                     format!(
                         "the cameras of depths ({depths}) and images ({camera}) differ by up to {pixels:.1} pixels, though {why}: the \
@@ -344,17 +340,17 @@ impl Frames {
         self.remarks.extend(remark);
     }
 
-    /// Sees points by their own times, or remarks why they are not, though they have some.
-    fn deskew(&mut self, trial: Trial) {
+    /// Enables motion compensation within clouds, or adds a remark why it is not possible though points have times.
+    fn deskew(&mut self, detector: ClockDetector) {
         let route = self.route.as_ref();
-        let moves = route.is_some_and(|route| self.transforms.move_on(route));
-        let why = match trial.found() {
+        let moves = route.is_some_and(|route| self.transforms.is_dynamic(route));
+        let why = match detector.found() {
             Ok(Some(found)) if moves => {
-                self.deskewed = Some(found);
+                self.point_times = Some(found);
                 return;
             }
             Ok(None) => return,
-            Ok(Some(Deskewed { field, .. })) => format!(
+            Ok(Some(PointTimes { field, .. })) => format!(
                 "the points have times of their own (`{field}`), but no transforms that move lead from them to the camera"
             ),
             Err((field, clouds)) => format!(
@@ -366,68 +362,68 @@ impl Frames {
         self.remarks.push(remark);
     }
 
-    /// The way from the points to the camera, unless the camera is given or its own depths are the points.
-    /// `bad` is what is wrong with the first camera that is none.
-    fn routed(
+    /// The route from the points to the camera, unless the camera is given or its own depths are the points.
+    /// `first_error` is what is wrong with the first camera that is none.
+    fn find_route(
         &self,
-        [images, points]: [&Collected; 2],
-        wanted: &Wanted,
-        bad: Option<Error>,
+        [images, points]: [&TopicMessages; 2],
+        options: &FrameOptions,
+        first_error: Option<Error>,
     ) -> Result<Option<Route>> {
         let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
             return Ok(None);
         };
         // What was in one frame stays there, whatever time has passed.
-        if self.given.is_some() || self.has_maps() && image == cloud {
+        if self.given_camera.is_some() || !self.has_clouds() && image == cloud {
             return Ok(None);
         }
         self.topics
             .check_cameras(self.cameras.is_empty(), self.depth_cameras.is_empty())
-            .map_err(|missing| match (bad, missing.advice()) {
-                (Some(bad), Some(hint)) => bad.hint(hint),
+            .map_err(|missing| match (first_error, missing.advice()) {
+                (Some(first_error), Some(hint)) => first_error.hint(hint),
                 _ => missing,
             })?;
         self.transforms
-            .route(cloud, image, wanted.fixed.as_deref())
+            .route(cloud, image, options.fixed.as_deref())
             .map(Some)
     }
 
     /// Gives each image the points that are nearest in time.
-    fn pair(&mut self, images: Collected, points: Collected, tolerance: Duration) {
-        let clouds = Series::new(points.found);
+    fn pair(&mut self, images: TopicMessages, points: TopicMessages, tolerance: Duration) {
+        let clouds = TimeSeries::new(points.found);
         for (stamp, image) in images.found {
             let found = self.paired(stamp, &image, &clouds, tolerance);
             match found {
                 Ok(frame) => self.found.push(frame),
-                Err(reason) => self.dropped.push(Dropped { stamp, reason }),
+                Err(reason) => self.dropped.push(DroppedFrame { stamp, reason }),
             }
         }
     }
 
     fn paired(
         &self,
-        stamp: Stamp,
-        image: &Measured,
-        clouds: &Series<Measured>,
+        stamp: Timestamp,
+        image: &TimedMessage,
+        clouds: &TimeSeries<TimedMessage>,
         tolerance: Duration,
-    ) -> std::result::Result<Frame, Reason> {
-        let (time, cloud) = clouds.nearest(stamp).ok_or(Reason::NoPoints(None))?;
-        let away = time.abs_diff(stamp);
-        if u128::from(away) > tolerance.as_nanos() {
-            return Err(Reason::NoPoints(Some(away)));
+    ) -> std::result::Result<SyncedFrame, DropReason> {
+        let (time, cloud) = clouds.nearest(stamp).ok_or(DropReason::NoPoints(None))?;
+        let distance = time.abs_diff(stamp);
+        if u128::from(distance) > tolerance.as_nanos() {
+            return Err(DropReason::NoPoints(Some(distance)));
         }
         if let Some(frame) = image.other_frame.as_ref().or(cloud.other_frame.as_ref()) {
-            return Err(Reason::OtherFrame(frame.clone()));
+            return Err(DropReason::OtherFrame(frame.clone()));
         }
         if let Some(route) = &self.route {
             let moved = self.transforms.between(route, [*time, stamp]);
-            moved.map_err(Reason::NoTransform)?;
+            moved.map_err(DropReason::NoTransform)?;
         }
-        Ok(Frame {
+        Ok(SyncedFrame {
             stamp,
-            place: image.place,
+            location: image.location,
             times: image.times,
-            points: cloud.place,
+            points: cloud.location,
             points_stamp: *time,
         })
     }
@@ -443,7 +439,10 @@ impl Frames {
         } = &self.topics;
         let camera = camera_info.as_deref().unwrap_or("none");
         let fixed = self.route.as_ref().map_or("none", Route::fixed);
-        let times = self.deskewed.as_ref().map_or("none", |found| &found.field);
+        let times = self
+            .point_times
+            .as_ref()
+            .map_or("none", |found| &found.field);
         format!(
             "{} with {}, camera {camera}, transforms {}, motion in {fixed}, times {times}",
             image.0,
@@ -453,17 +452,17 @@ impl Frames {
     }
 }
 
-/// Cameras that see the same place so many pixels apart are one.
-const NEAR: f64 = 1.0;
+/// Depths are registered if both cameras see the same points at most so many pixels apart.
+const MAX_REGISTRATION_ERROR: f64 = 1.0;
 
 /// What should be said of a recording.
 fn remarks(
-    flaws: &Flaws,
-    [images, points]: [&Collected; 2],
+    defects: &Defects,
+    [images, points]: [&TopicMessages; 2],
     unusable: &[(usize, &str)],
     tree: &Transforms,
 ) -> Vec<String> {
-    let mut remarks: Vec<String> = flaws.lines().collect();
+    let mut remarks: Vec<String> = defects.lines().collect();
     let unstamped = images.unstamped + points.unstamped;
     let counts = [
         (
@@ -475,7 +474,7 @@ fn remarks(
             "messages of points are damaged and left out",
         ),
         (
-            tree.elsewhere,
+            tree.reparented,
             "transforms are left out, as their frames were in another one before",
         ),
         (

@@ -1,6 +1,6 @@
 //! The points of a frame as its camera would see them at another stamp, to find clocks that differ.
 
-use super::{Frame, Frames};
+use super::{Frames, SyncedFrame};
 use lsdc_core::{Observation, Observations};
 use lsdc_files::Camera;
 
@@ -8,15 +8,15 @@ impl Frames {
     /// The points of a frame, in their order, where its camera would see them so many nanoseconds after the stamp of the image.
     /// Points behind the camera have no depth (NaN). `None` if nothing moves, or transforms do not reach that stamp.
     ///
-    /// `points` and `camera` are those of the [loaded](super::Loaded) frame.
+    /// `points` and `camera` are those of the [decoded](super::DecodedFrame) frame.
     pub fn seen_after(
         &self,
-        frame: &Frame,
+        frame: &SyncedFrame,
         (points, camera): (&Observations, &Camera),
         nanoseconds: i64,
     ) -> Option<Observations> {
         let route = self.route.as_ref()?;
-        if !self.transforms.move_on(route) {
+        if !self.transforms.is_dynamic(route) {
             return None;
         }
         let at = |stamp| {
@@ -26,8 +26,8 @@ impl Frames {
         let later = frame.stamp.checked_add(nanoseconds)?;
         let motion = at(later)?.after(at(frame.stamp)?.inverse());
         let see = |point: &Observation| {
-            let place = camera.unproject([point.u, point.v], f64::from(point.depth))?;
-            let ([u, v], depth) = camera.project(motion.apply(place))?;
+            let position = camera.unproject([point.u, point.v], f64::from(point.depth))?;
+            let ([u, v], depth) = camera.project(motion.apply(position))?;
             let depth = depth as f32;
             Some(Observation {
                 u,

@@ -1,13 +1,13 @@
-//! A turn of a scanner that moves: each point at its own time.
+//! Motion compensation within a sweep of a scanner: each point at its own time.
 
-use crate::message::{Points, Stamp};
+use crate::message::{PointCloud, Timestamp};
 use crate::rigid::Rigid;
 use crate::transforms::{Route, Transforms};
 
-/// How clouds have times of their points.
+/// The field of clouds that holds the time of each point.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Deskewed {
-    /// What the field is called.
+pub struct PointTimes {
+    /// The name of the field.
     pub field: String,
     /// From the first point of a cloud to the last, in seconds: the longest of the clouds at the beginning.
     pub seconds: f64,
@@ -16,17 +16,17 @@ pub struct Deskewed {
     clock: Clock,
 }
 
-/// What times count.
+/// The unit and the origin of times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Clock {
     /// Nanoseconds to a unit.
     unit: f64,
-    /// What is 0 there: the stamp of the cloud, or 1970.
+    /// Whether times count from 1970, not from the stamp of the cloud.
     absolute: bool,
 }
 
 impl Clock {
-    /// Those that there are. Whole numbers are of the last: there the others are none.
+    /// All clocks. Integers are tried on the last alone.
     const ALL: [Self; 8] = [
         Self::new(1e9, false),
         Self::new(1e9, true),
@@ -37,7 +37,7 @@ impl Clock {
         Self::new(1e3, false),
         Self::new(1.0, false),
     ];
-    /// The first of those that are guessed: small numbers are of any small unit.
+    /// The first of the clocks that are guessed: small numbers fit any small unit.
     const GUESSED: usize = 5;
     const WHOLE: usize = Self::ALL.len() - 1;
 
@@ -47,7 +47,7 @@ impl Clock {
 
     /// Nanoseconds from a stamp to a time, if that is near: at most a second since 1970, or what the slowest turn takes (a fifth
     /// of a second, and some more) from the stamp, as small numbers may count from elsewhere.
-    fn from(self, stamp: Stamp, time: f64) -> Option<i64> {
+    fn from(self, stamp: Timestamp, time: f64) -> Option<i64> {
         let (zero, near) = if self.absolute {
             (stamp, 1_000_000_000)
         } else {
@@ -59,23 +59,23 @@ impl Clock {
     }
 }
 
-/// The clouds at the beginning of a recording, whose times are tried on every clock.
+/// Detects the clock of point times: tries every clock on the clouds at the beginning of a recording.
 #[derive(Default)]
-pub(super) struct Trial {
-    /// The field with times of the first that has one, and its type.
+pub(super) struct ClockDetector {
+    /// The time field of the first cloud that has one, and its type.
     field: Option<(String, u8)>,
-    /// How many clouds have it, of those that were looked at.
+    /// How many of the clouds have this field.
     clouds: usize,
-    /// For each clock, how many clouds have times by it, and the longest, in nanoseconds.
+    /// For each clock, how many clouds fit it, and the longest of these, in nanoseconds.
     fits: [(usize, i64); Clock::ALL.len()],
 }
 
-impl Trial {
+impl ClockDetector {
     /// The first clouds of a recording may be parts of a turn, and simulated time begins at 0.
     const CLOUDS: usize = 50;
 
-    /// Takes in a cloud, unless there were enough.
-    pub(super) fn add(&mut self, points: &Points<'_>, stamp: Stamp) {
+    /// Adds a cloud, unless there are enough.
+    pub(super) fn add(&mut self, points: &PointCloud<'_>, stamp: Timestamp) {
         let Some((name, kind)) = points.time_field() else {
             return;
         };
@@ -102,11 +102,12 @@ impl Trial {
         }
     }
 
-    /// The clock that at least half of the clouds have times by: of those that are not guessed the most, or else the first.
+    /// The clock that at least half of the clouds fit: of those that are not guessed the one with most clouds, or else the
+    /// first.
     ///
     /// # Errors
-    /// There are times, but of no clock: the name of the field, and how many clouds were looked at.
-    pub(super) fn found(self) -> Result<Option<Deskewed>, (String, usize)> {
+    /// There are times, but of no clock: the name of the field, and how many clouds were tried.
+    pub(super) fn found(self) -> Result<Option<PointTimes>, (String, usize)> {
         let Some((field, kind)) = self.field else {
             return Ok(None);
         };
@@ -117,7 +118,7 @@ impl Trial {
         let Some(at) = any.find(enough) else {
             return Err((field, self.clouds));
         };
-        Ok(Some(Deskewed {
+        Ok(Some(PointTimes {
             field,
             seconds: self.fits[at].1 as f64 * 1e-9,
             kind,
@@ -128,12 +129,12 @@ impl Trial {
 
 /// Of a cloud whose points are not all of one time, the first and the last that are near its stamp by a clock, in nanoseconds
 /// from there: if these are at least half of all.
-fn span(points: &Points<'_>, stamp: Stamp, clock: Clock) -> Option<[i64; 2]> {
+fn span(points: &PointCloud<'_>, stamp: Timestamp, clock: Clock) -> Option<[i64; 2]> {
     let (mut all, mut near) = (0_usize, 0);
     let mut ends: Option<[i64; 2]> = None;
-    for (place, time) in points.timed()? {
+    for (position, time) in points.timed()? {
         // Where nothing was hit, there need not be a time.
-        if place.iter().any(|v| !v.is_finite()) {
+        if position.iter().any(|v| !v.is_finite()) {
             continue;
         }
         all += 1;
@@ -150,16 +151,20 @@ fn span(points: &Points<'_>, stamp: Stamp, clock: Clock) -> Option<[i64; 2]> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sweep {
     /// Of the cloud.
-    stamp: Stamp,
+    stamp: Timestamp,
     clock: Clock,
     /// Of the first and the last, from the stamp on.
     ends: [i64; 2],
 }
 
 impl Sweep {
-    /// Of a cloud that has times as those at the beginning of the recording.
-    pub(super) fn of(points: &Points<'_>, stamp: Stamp, found: &Deskewed) -> Option<Self> {
-        let Deskewed {
+    /// The sweep of a cloud whose time field is that of the clouds at the beginning of the recording.
+    pub(super) fn of(
+        points: &PointCloud<'_>,
+        stamp: Timestamp,
+        found: &PointTimes,
+    ) -> Option<Self> {
+        let PointTimes {
             field, kind, clock, ..
         } = found;
         let same = points.time_field() == Some((field.as_str(), *kind));
@@ -171,39 +176,39 @@ impl Sweep {
         })
     }
 
-    /// The motions of its points to where they are seen at a time.
+    /// The motions of its points to the pose of the camera at the time `seen`.
     pub(super) fn motions<'a>(
         self,
         transforms: &'a Transforms,
         route: &'a Route,
-        seen: Stamp,
-    ) -> Motions<'a> {
+        seen: Timestamp,
+    ) -> PointMotions<'a> {
         let [first, last] = self.ends;
-        let count = (last - first) / Motions::STEP + 2;
-        let mut motions = Motions {
+        let count = (last - first) / PointMotions::STEP + 2;
+        let mut motions = PointMotions {
             sweep: self,
             transforms,
             route,
             seen,
             edges: Vec::new(),
         };
-        let edges = (0..count).map(|edge| motions.exact(first + edge * Motions::STEP));
+        let edges = (0..count).map(|edge| motions.exact(first + edge * PointMotions::STEP));
         motions.edges = edges.collect();
         motions
     }
 }
 
-/// Where points of a cloud go, by their times.
-pub(super) struct Motions<'a> {
+/// The motion of each point of a cloud, by its time.
+pub(super) struct PointMotions<'a> {
     sweep: Sweep,
     transforms: &'a Transforms,
     route: &'a Route,
-    seen: Stamp,
+    seen: Timestamp,
     /// At even times from the first point to behind the last, where they are known.
     pub(super) edges: Vec<Option<Rigid>>,
 }
 
-impl Motions<'_> {
+impl PointMotions<'_> {
     /// Nanoseconds between edges. Between them motion is even, as it is between transforms, which are further apart.
     const STEP: i64 = 1_000_000;
 
@@ -221,18 +226,18 @@ impl Motions<'_> {
         let edges = edge.and_then(|edge| self.edges.get(edge..edge + 2));
         if let Some([Some(before), Some(after)]) = edges {
             let share = past.rem_euclid(Self::STEP) as f64 / Self::STEP as f64;
-            return Some(before.towards(*after, share));
+            return Some(before.interpolate(*after, share));
         }
         self.exact(offset)
     }
 }
 
 /// For fuzzers and tests: how many points of a cloud have a time by which they would be moved.
-pub(crate) fn timed(points: &Points<'_>, stamp: Stamp) -> usize {
-    let mut trial = Trial::default();
-    trial.add(points, stamp);
+pub(crate) fn timed(points: &PointCloud<'_>, stamp: Timestamp) -> usize {
+    let mut detector = ClockDetector::default();
+    detector.add(points, stamp);
     let still = Transforms::default();
-    let (Ok(Some(found)), Ok(route)) = (trial.found(), still.route("", "", None)) else {
+    let (Ok(Some(found)), Ok(route)) = (detector.found(), still.route("", "", None)) else {
         return 0;
     };
     let (Some(sweep), Some(times)) = (Sweep::of(points, stamp, &found), points.timed()) else {
@@ -247,14 +252,14 @@ pub(crate) fn timed(points: &Points<'_>, stamp: Stamp) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cdr::Writer;
+    use crate::cdr::CdrWriter;
     use crate::message::Header;
 
-    const STAMP: Stamp = 1_700_000_000_250_000_000;
+    const STAMP: Timestamp = 1_700_000_000_250_000_000;
 
     /// A cloud with a time of each point, in a field of that name and type; points that were not hit have none.
     fn cloud(name: &str, kind: u8, times: &[f64]) -> Vec<u8> {
-        let mut writer = Writer::with_capacity(0);
+        let mut writer = CdrWriter::with_capacity(0);
         Header::default().write(&mut writer);
         writer.u32(1);
         writer.u32(times.len() as u32 + 1);
@@ -286,16 +291,16 @@ mod tests {
     }
 
     /// What is found in as many clouds as there are.
-    fn tried(clouds: &[(Vec<u8>, Stamp)]) -> Result<Option<Deskewed>, (String, usize)> {
-        let mut trial = Trial::default();
+    fn tried(clouds: &[(Vec<u8>, Timestamp)]) -> Result<Option<PointTimes>, (String, usize)> {
+        let mut detector = ClockDetector::default();
         for (message, stamp) in clouds {
-            trial.add(&Points::of(message).unwrap(), *stamp);
+            detector.add(&PointCloud::of(message).unwrap(), *stamp);
         }
-        trial.found()
+        detector.found()
     }
 
-    fn sweep(message: &[u8], stamp: Stamp, found: &Deskewed) -> Option<Sweep> {
-        Sweep::of(&Points::of(message).unwrap(), stamp, found)
+    fn sweep(message: &[u8], stamp: Timestamp, found: &PointTimes) -> Option<Sweep> {
+        Sweep::of(&PointCloud::of(message).unwrap(), stamp, found)
     }
 
     /// As the drivers of scanners write them.
@@ -410,9 +415,9 @@ mod tests {
     /// A cloud of another kind, and one whose times are no longer times, are not moved by them.
     #[test]
     fn a_cloud_unlike_the_others_has_no_sweep() {
-        let sound = cloud("t", 6, &[0.0, 1e8]);
-        let found = tried(&[(sound.clone(), STAMP)]).unwrap().unwrap();
-        assert!(sweep(&sound, STAMP, &found).is_some());
+        let intact = cloud("t", 6, &[0.0, 1e8]);
+        let found = tried(&[(intact.clone(), STAMP)]).unwrap().unwrap();
+        assert!(sweep(&intact, STAMP, &found).is_some());
         for (name, kind, times) in [
             ("t", 7, [0.0, 0.1]),
             ("time", 6, [0.0, 1e8]),

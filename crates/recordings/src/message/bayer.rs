@@ -3,10 +3,10 @@
 use image::RgbImage;
 
 /// Where the colours of a mosaic lie: those of its first two rows and columns, as channels of RGB.
-pub(super) type Pattern = [[usize; 2]; 2];
+pub(super) type BayerPattern = [[usize; 2]; 2];
 
 /// The pattern that an encoding names.
-pub(super) fn pattern(encoding: &str) -> Option<Pattern> {
+pub(super) fn pattern(encoding: &str) -> Option<BayerPattern> {
     Some(match encoding {
         "bayer_rggb8" => [[0, 1], [1, 2]],
         "bayer_bggr8" => [[2, 1], [1, 0]],
@@ -20,7 +20,7 @@ pub(super) fn pattern(encoding: &str) -> Option<Pattern> {
 pub(super) fn colours(
     mosaic: &[u8],
     (width, height): (usize, usize),
-    pattern: Pattern,
+    pattern: BayerPattern,
 ) -> RgbImage {
     let channel = |x: usize, y: usize| pattern[y % 2][x % 2];
     RgbImage::from_fn(width as u32, height as u32, |x, y| {

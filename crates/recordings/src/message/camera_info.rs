@@ -1,13 +1,13 @@
 //! `sensor_msgs/msg/CameraInfo`: the camera of an image.
 
-use super::{Header, Kind, unusable};
-use crate::cdr::{Reader, damaged};
+use super::{Header, MessageType, read_message};
+use crate::cdr::{CdrReader, damaged};
 use lsdc_files::error::Result;
 use lsdc_files::{Camera, CameraInfo};
 
-/// A camera as a message describes it.
+/// The camera of a message, with its header.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Described {
+pub(crate) struct StampedCamera {
     pub(crate) header: Header,
     /// At the origin.
     pub(crate) camera: Camera,
@@ -20,26 +20,24 @@ pub(crate) struct Described {
 ///
 /// # Errors
 /// A damaged message, and a camera that is not calibrated or of a lens that is not known.
-pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<Described> {
-    let read = || {
-        let mut reader = Reader::new(message)?;
-        let header = Header::read(&mut reader)?;
-        let info = read_info(&mut reader)?;
+pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<StampedCamera> {
+    read_message(MessageType::CameraInfo, message, |reader| {
+        let header = Header::read(reader)?;
+        let info = read_info(reader)?;
         let camera = if rectified {
             info.rectified()
         } else {
             info.camera()
         };
-        Ok(Described {
+        Ok(StampedCamera {
             header,
             camera: camera.map_err(damaged)?,
             baseline: if rectified { info.baseline() } else { [0.0; 2] },
         })
-    };
-    read().map_err(|e| unusable(Kind::CameraInfo, e))
+    })
 }
 
-fn read_info(reader: &mut Reader<'_>) -> Result<CameraInfo> {
+fn read_info(reader: &mut CdrReader<'_>) -> Result<CameraInfo> {
     let [height, width] = [reader.u32()?, reader.u32()?].map(|v| v as usize);
     let model = reader.string()?;
     let count = reader.length(8)?;

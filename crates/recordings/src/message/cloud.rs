@@ -1,12 +1,12 @@
 //! `sensor_msgs/msg/PointCloud2`: points with any fields.
 
-use super::{Header, Kind, unusable};
-use crate::cdr::{Reader, Writer, damaged};
-use lsdc_files::Colored;
+use super::{Header, MessageType, read_message};
+use crate::cdr::{CdrReader, CdrWriter, damaged};
+use lsdc_files::ColoredPoint;
 use lsdc_files::error::Result;
 
 /// The points of a message, read one by one.
-pub(crate) struct Points<'a> {
+pub(crate) struct PointCloud<'a> {
     data: &'a [u8],
     /// Bytes from a point to the next, and from a row to the next.
     steps: [usize; 2],
@@ -39,20 +39,19 @@ const TIMES: [&str; 6] = [
     "time_offset",
 ];
 
-impl<'a> Points<'a> {
+impl<'a> PointCloud<'a> {
     /// Of a message.
     ///
     /// # Errors
     /// A damaged message, and one without fields x, y and z of 32 or 64-bit floating-point numbers.
     pub(crate) fn of(message: &'a [u8]) -> Result<Self> {
-        Self::read(message).map_err(|e| unusable(Kind::PointCloud2, e))
+        read_message(MessageType::PointCloud2, message, Self::read)
     }
 
-    fn read(message: &'a [u8]) -> Result<Self> {
+    fn read(reader: &mut CdrReader<'a>) -> Result<Self> {
         /// Of a field without a name.
         const LEAST: usize = 16;
-        let mut reader = Reader::new(message)?;
-        Header::read(&mut reader)?;
+        Header::read(reader)?;
         let [height, width] = [reader.u32()?, reader.u32()?].map(|v| v as usize);
         let count = reader.length(LEAST)?;
         let mut axes = [None; 3];
@@ -126,7 +125,7 @@ impl<'a> Points<'a> {
 
     /// The x, y, z of each, which need not be finite, in the order of the message.
     pub(crate) fn iter(&self) -> impl Iterator<Item = [f64; 3]> {
-        self.starts().map(|start| self.place(start))
+        self.starts().map(|start| self.position(start))
     }
 
     /// What the field with the time of each point is called, and its type, if there is one.
@@ -144,17 +143,17 @@ impl<'a> Points<'a> {
     /// As [`Self::iter`], each with its time as it is stored, if there are times.
     pub(crate) fn timed(&self) -> Option<impl Iterator<Item = ([f64; 3], f64)>> {
         let (_, field) = self.time.as_ref()?;
-        let point = |start| (self.place(start), self.number(start, *field));
+        let point = |start| (self.position(start), self.number(start, *field));
         Some(self.starts().map(point))
     }
 
     /// Of the point that begins there. Zeros are no place, but what many scanners write where nothing came back.
-    fn place(&self, start: usize) -> [f64; 3] {
-        let place = self.axes.map(|axis| self.number(start, axis));
-        if place == [0.0; 3] {
+    fn position(&self, start: usize) -> [f64; 3] {
+        let position = self.axes.map(|axis| self.number(start, axis));
+        if position == [0.0; 3] {
             [f64::NAN; 3]
         } else {
-            place
+            position
         }
     }
 
@@ -206,9 +205,9 @@ impl Field {
 }
 
 /// A message of points with colours: x, y, z and the packed `rgb` that RViz shows.
-pub fn write_cloud(header: &Header, points: &[Colored]) -> Vec<u8> {
+pub fn write_cloud(header: &Header, points: &[ColoredPoint]) -> Vec<u8> {
     const STEP: usize = 16;
-    let mut writer = Writer::with_capacity(256 + points.len() * STEP);
+    let mut writer = CdrWriter::with_capacity(256 + points.len() * STEP);
     header.write(&mut writer);
     writer.u32(1);
     writer.u32(points.len() as u32);
@@ -224,7 +223,7 @@ pub fn write_cloud(header: &Header, points: &[Colored]) -> Vec<u8> {
     writer.u32((STEP * points.len()) as u32);
     let mut data = Vec::with_capacity(STEP * points.len());
     for point in points {
-        for value in point.place {
+        for value in point.position {
             data.extend((value as f32).to_le_bytes());
         }
         let [r, g, b] = point.color;
@@ -245,22 +244,22 @@ mod tests {
             stamp: -1_500_000_000,
             frame: "camera".to_owned(),
         };
-        let point = |z: f64| Colored {
-            place: [0.5, -1.0, z],
+        let point = |z: f64| ColoredPoint {
+            position: [0.5, -1.0, z],
             color: [1, 2, 3],
             sigma: None,
         };
         let message = write_cloud(&header, &[point(2.0), point(3.0)]);
-        let points = Points::of(&message).unwrap();
+        let points = PointCloud::of(&message).unwrap();
         assert_eq!(Header::of(&message).unwrap(), header);
-        let places: Vec<_> = points.iter().collect();
-        assert_eq!(places, [[0.5, -1.0, 2.0], [0.5, -1.0, 3.0]]);
+        let positions: Vec<_> = points.iter().collect();
+        assert_eq!(positions, [[0.5, -1.0, 2.0], [0.5, -1.0, 3.0]]);
     }
 
     /// Doubles, the high bytes first, in rows with a gap, x after z.
     #[test]
     fn any_layout_is_read() {
-        let mut writer = Writer::with_capacity(0);
+        let mut writer = CdrWriter::with_capacity(0);
         Header::default().write(&mut writer);
         writer.u32(2);
         writer.u32(1);
@@ -285,9 +284,9 @@ mod tests {
         data.truncate(52);
         writer.bytes(data.clone().into_iter());
         let message = writer.finish();
-        let points = Points::of(&message).unwrap();
-        let places: Vec<_> = points.iter().collect();
-        assert_eq!(places, [[-1.0, 0.25, 1.0], [-2.0, 0.25, 2.0]]);
-        assert!(Points::of(&message[..message.len() - 1]).is_err());
+        let points = PointCloud::of(&message).unwrap();
+        let positions: Vec<_> = points.iter().collect();
+        assert_eq!(positions, [[-1.0, 0.25, 1.0], [-2.0, 0.25, 2.0]]);
+        assert!(PointCloud::of(&message[..message.len() - 1]).is_err());
     }
 }

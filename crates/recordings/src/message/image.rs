@@ -1,19 +1,19 @@
 //! `sensor_msgs/msg/Image` and `CompressedImage`: colours and depths.
 
 use super::raw::Raw;
-use super::{Header, Kind, bayer, rvl, unusable, yuv};
-use crate::cdr::{Reader, Writer, damaged};
+use super::{Header, MessageType, bayer, read_message, rvl, yuv};
+use crate::cdr::{CdrWriter, damaged};
 use image::{DynamicImage, ImageBuffer, ImageFormat, ImageReader, RgbImage};
 use lsdc_core::DepthMap;
-use lsdc_files::doubts::{Doubt, Numbers, check_jpeg, to_rgb8};
+use lsdc_files::checks::{NumberType, Warning, check_jpeg, to_rgb8};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{StoredMap, Unit};
 use std::io::Cursor;
 
-/// Numbers of pixels as they are stored, and their type.
-type Stored = (Vec<f32>, Numbers);
+/// The numbers of the pixels of a depth image, and their type.
+type DepthNumbers = (Vec<f32>, NumberType);
 
-const WHOLE: Numbers = Numbers::unsigned(16);
+const U16: NumberType = NumberType::unsigned(16);
 
 impl Raw<'_> {
     fn colours(&self) -> Result<DynamicImage> {
@@ -27,7 +27,7 @@ impl Raw<'_> {
             return Ok(yuv::colours(self, layout)?.into());
         }
         if encoding == "mono16" {
-            let values = self.whole()?.collect();
+            let values = self.numbers_u16()?.collect();
             let image = ImageBuffer::from_raw(width as u32, height as u32, values);
             return image
                 .map(DynamicImage::ImageLuma16)
@@ -60,26 +60,19 @@ impl Raw<'_> {
             .ok_or_else(|| damaged("is of another size than it says"))
     }
 
-    fn depths(&self) -> Result<Stored> {
-        let big = self.big_endian;
-        Ok(match self.encoding.as_str() {
+    fn depths(&self) -> Result<DepthNumbers> {
+        match self.encoding.as_str() {
             "32FC1" => {
-                let number = |bytes: [u8; 4]| {
-                    if big {
-                        f32::from_be_bytes(bytes)
-                    } else {
-                        f32::from_le_bytes(bytes)
-                    }
-                };
-                let rows = self.rows(4)?.flat_map(|row| row.as_chunks().0);
-                (rows.map(|bytes| number(*bytes)).collect(), Numbers::Floats)
+                let values = self.numbers(f32::from_be_bytes, f32::from_le_bytes)?;
+                Ok((values.collect(), NumberType::Floats))
             }
-            "16UC1" | "mono16" => (self.whole()?.map(f32::from).collect(), WHOLE),
-            other => {
-                return Err(damaged(format!("is encoded as `{other}`, which holds no depths"))
-                    .hint("depths are read as 32FC1 (metres) and 16UC1 (millimetres, or --depth-unit)"));
-            }
-        })
+            "16UC1" | "mono16" => Ok((self.numbers_u16()?.map(f32::from).collect(), U16)),
+            other => Err(
+                damaged(format!("is encoded as `{other}`, which holds no depths")).hint(
+                    "depths are read as 32FC1 (metres) and 16UC1 (millimetres, or --depth-unit)",
+                ),
+            ),
+        }
     }
 }
 
@@ -87,40 +80,39 @@ impl Raw<'_> {
 ///
 /// # Errors
 /// A damaged message, one that was cut off, and an encoding that holds no colours that are known.
-pub(crate) fn colours(kind: Kind, message: &[u8]) -> Result<(Header, RgbImage, Option<Doubt>)> {
-    let read = || {
-        let mut reader = Reader::new(message)?;
-        let header = Header::read(&mut reader)?;
-        let image = if kind == Kind::CompressedImage {
+pub(crate) fn colours(
+    kind: MessageType,
+    message: &[u8],
+) -> Result<(Header, RgbImage, Option<Warning>)> {
+    read_message(kind, message, |reader| {
+        let header = Header::read(reader)?;
+        let image = if kind == MessageType::CompressedImage {
             let _format = reader.string()?;
             decode(reader.bytes()?)?
         } else {
-            Raw::read(&mut reader)?.colours()?
+            Raw::read(reader)?.colours()?
         };
-        let (rgb, doubt) = to_rgb8(image);
-        Ok((header, rgb, doubt))
-    };
-    read().map_err(|e| unusable(kind, e))
+        let (rgb, warning) = to_rgb8(image);
+        Ok((header, rgb, warning))
+    })
 }
 
 /// The depths of a message of either type. Without a unit whole numbers are millimetres and others metres (ROS REP 118).
 ///
 /// # Errors
 /// A damaged message, and an encoding that holds no depths.
-pub(crate) fn depths(kind: Kind, message: &[u8], unit: Option<Unit>) -> Result<StoredMap> {
-    let read = || {
-        let mut reader = Reader::new(message)?;
-        Header::read(&mut reader)?;
-        let (size, (values, numbers)) = if kind == Kind::CompressedImage {
+pub(crate) fn depths(kind: MessageType, message: &[u8], unit: Option<Unit>) -> Result<StoredMap> {
+    read_message(kind, message, |reader| {
+        Header::read(reader)?;
+        let (size, (values, numbers)) = if kind == MessageType::CompressedImage {
             let format = reader.string()?;
             compressed_depths(&format, reader.bytes()?)?
         } else {
-            let raw = Raw::read(&mut reader)?;
+            let raw = Raw::read(reader)?;
             (raw.size, raw.depths()?)
         };
         StoredMap::of_numbers(size, values, numbers, unit)
-    };
-    read().map_err(|e| unusable(kind, e))
+    })
 }
 
 /// How many bytes an image may have that so many bytes hold.
@@ -155,16 +147,19 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage> {
 ///
 /// # Errors
 /// A damaged image, and one that holds no depths.
-pub(crate) fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Stored)> {
+pub(crate) fn compressed_depths(
+    format: &str,
+    bytes: &[u8],
+) -> Result<((usize, usize), DepthNumbers)> {
     const PNG: &[u8] = b"\x89PNG";
-    let (encoding, how) = format.split_once(';').unwrap_or((format, ""));
+    let (encoding, transport) = format.split_once(';').unwrap_or((format, ""));
     let encoding = encoding.trim();
     if bytes.starts_with(PNG) {
         if encoding == "32FC1" {
-            return Err(lossy(format));
+            return Err(unread_format(format));
         }
         let (size, values) = png(bytes)?;
-        return Ok((size, (values.into_iter().map(f32::from).collect(), WHOLE)));
+        return Ok((size, (values.into_iter().map(f32::from).collect(), U16)));
     }
     let Some((head, packed)) = bytes.split_first_chunk::<12>() else {
         return Err(damaged("ends too early"));
@@ -173,19 +168,19 @@ pub(crate) fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, u
         let bytes = head[at..at + 4].try_into().unwrap_or_default();
         f32::from_le_bytes(bytes)
     };
-    let (size, values) = if how.contains("rvl") {
-        unrolled(packed)?
+    let (size, values) = if transport.contains("rvl") {
+        decode_rvl(packed)?
     } else if packed.starts_with(PNG) {
         png(packed)?
     } else {
-        return Err(lossy(format));
+        return Err(unread_format(format));
     };
     let numbers = match encoding {
-        "16UC1" | "mono16" => (values.into_iter().map(f32::from).collect(), WHOLE),
+        "16UC1" | "mono16" => (values.into_iter().map(f32::from).collect(), U16),
         "32FC1" => {
             let (a, b) = (parameter(4), parameter(8));
             let metres = |v: u16| if v == 0 { 0.0 } else { a / (f32::from(v) - b) };
-            (values.into_iter().map(metres).collect(), Numbers::Floats)
+            (values.into_iter().map(metres).collect(), NumberType::Floats)
         }
         other => {
             return Err(damaged(format!(
@@ -211,14 +206,14 @@ fn png(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
 }
 
 /// That a compressed image is of a format that holds no depths, or in a form that is not read.
-fn lossy(format: &str) -> Error {
+fn unread_format(format: &str) -> Error {
     damaged(format!("is compressed as `{format}`, in which depths are not read")).hint(
         "depths are read as PNG of 16 bits by the transport compressed, and as PNG or RVL by compressedDepth; JPEG and TIFF are not",
     )
 }
 
 /// Width and height, and behind them the pixels by RVL.
-fn unrolled(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
+fn decode_rvl(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
     let (numbers, _) = bytes.as_chunks::<4>();
     let (Some(&[width, height]), Some(pixels)) = (numbers.first_chunk(), bytes.get(8..)) else {
         return Err(damaged("ends too early"));
@@ -240,7 +235,7 @@ fn unrolled(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
 pub fn write_depth(header: &Header, depth: &DepthMap, millimetres: bool) -> (Vec<u8>, usize) {
     let (width, height) = (depth.width(), depth.height());
     let bytes = if millimetres { 2 } else { 4 };
-    let mut writer = Writer::with_capacity(128 + width * height * bytes);
+    let mut writer = CdrWriter::with_capacity(128 + width * height * bytes);
     header.write(&mut writer);
     writer.u32(height as u32);
     writer.u32(width as u32);
@@ -278,7 +273,7 @@ mod tests {
     use super::*;
 
     fn message(encoding: &str, (width, height): (u32, u32), step: u32, data: &[u8]) -> Vec<u8> {
-        let mut writer = Writer::with_capacity(0);
+        let mut writer = CdrWriter::with_capacity(0);
         Header::default().write(&mut writer);
         writer.u32(height);
         writer.u32(width);
@@ -292,22 +287,23 @@ mod tests {
     #[test]
     fn rows_may_be_longer_than_their_pixels() {
         let data = [1, 2, 3, 4, 5, 6, 99, 7, 8, 9, 10, 11, 12];
-        let read = |encoding: &str| colours(Kind::Image, &message(encoding, (2, 2), 7, &data));
+        let read =
+            |encoding: &str| colours(MessageType::Image, &message(encoding, (2, 2), 7, &data));
         let (_, image, _) = read("rgb8").unwrap();
         assert_eq!(image.as_raw()[..], [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
         let (_, image, _) = read("bgr8").unwrap();
         assert_eq!(image.get_pixel(1, 1).0, [12, 11, 10]);
         assert!(read("rgba8").is_err());
         assert!(read("rgb16").unwrap_err().advice().is_some());
-        assert!(colours(Kind::Image, &message("rgb8", (2, 3), 7, &data)).is_err());
+        assert!(colours(MessageType::Image, &message("rgb8", (2, 3), 7, &data)).is_err());
         assert!(
             colours(
-                Kind::Image,
+                MessageType::Image,
                 &message("rgb8", (u32::MAX, u32::MAX), 7, &data)
             )
             .is_err()
         );
-        assert!(colours(Kind::Image, &message("mono8", (0, 0), 0, &[])).is_err());
+        assert!(colours(MessageType::Image, &message("mono8", (0, 0), 0, &[])).is_err());
     }
 
     #[test]
@@ -318,16 +314,16 @@ mod tests {
             frame: "camera".to_owned(),
         };
         let (message, lost) = write_depth(&header, &depth, false);
-        let found = depths(Kind::Image, &message, None).unwrap();
+        let found = depths(MessageType::Image, &message, None).unwrap();
         assert_eq!(
             (found.depth.values(), found.unit, lost),
             (depth.values(), Unit::METRE, 0)
         );
         assert_eq!(Header::of(&message).unwrap(), header);
         let (message, lost) = write_depth(&header, &depth, true);
-        let found = depths(Kind::Image, &message, Some(Unit::METRE)).unwrap();
+        let found = depths(MessageType::Image, &message, Some(Unit::METRE)).unwrap();
         assert_eq!(found.depth.values(), [0.0, 1.0, 1234.0, 0.0]);
-        let found = depths(Kind::Image, &message, None).unwrap();
+        let found = depths(MessageType::Image, &message, None).unwrap();
         assert_eq!((found.unit, lost), (Unit::MILLIMETRE, 1));
     }
 
@@ -360,7 +356,7 @@ mod tests {
             ("16UC1; compressedDepth png", &alone),
         ] {
             let found = compressed_depths(format, bytes).unwrap();
-            assert_eq!(found, ((2, 2), (numbers.clone(), WHOLE)), "{format}");
+            assert_eq!(found, ((2, 2), (numbers.clone(), U16)), "{format}");
         }
     }
 
@@ -396,7 +392,8 @@ mod tests {
             let data: Vec<u8> = (0..30)
                 .map(|i| color[pattern[i / 6 % 2][i % 6 % 2]])
                 .collect();
-            let (_, image, _) = colours(Kind::Image, &message(encoding, (6, 5), 6, &data)).unwrap();
+            let (_, image, _) =
+                colours(MessageType::Image, &message(encoding, (6, 5), 6, &data)).unwrap();
             assert!(image.pixels().all(|pixel| pixel.0 == color), "{encoding}");
         }
     }

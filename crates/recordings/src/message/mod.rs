@@ -9,20 +9,20 @@ mod rvl;
 mod transform;
 mod yuv;
 
-pub(crate) use camera_info::{Described, camera_of};
-pub(crate) use cloud::Points;
+pub(crate) use camera_info::{StampedCamera, camera_of};
+pub(crate) use cloud::PointCloud;
 pub use cloud::write_cloud;
 pub use image::write_depth;
 pub(crate) use image::{colours, compressed_depths, depths};
 pub use transform::TransformStamped;
 pub(crate) use transform::transforms;
 
-use crate::cdr::{Reader, Writer};
+use crate::cdr::{CdrReader, CdrWriter};
 use lsdc_files::error::{Error, Result};
 
 /// The types of messages that are known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum MessageType {
     /// `sensor_msgs/msg/Image`.
     Image,
     /// `sensor_msgs/msg/CompressedImage`, of colours or of depths.
@@ -35,7 +35,7 @@ pub enum Kind {
     Transforms,
 }
 
-impl Kind {
+impl MessageType {
     /// All of them.
     pub const ALL: [Self; 5] = [
         Self::Image,
@@ -63,13 +63,13 @@ impl Kind {
 }
 
 /// When a message was measured: nanoseconds since 1970.
-pub type Stamp = i64;
+pub type Timestamp = i64;
 
 /// What most messages begin with.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Header {
     /// When it was measured.
-    pub stamp: Stamp,
+    pub stamp: Timestamp,
     /// The frame of reference.
     pub frame: String,
 }
@@ -82,10 +82,10 @@ impl Header {
     /// # Errors
     /// A message that does not.
     pub fn of(message: &[u8]) -> Result<Self> {
-        Self::read(&mut Reader::new(message)?)
+        Self::read(&mut CdrReader::new(message)?)
     }
 
-    pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self> {
+    pub(crate) fn read(reader: &mut CdrReader<'_>) -> Result<Self> {
         let (seconds, rest) = (reader.i32()?, reader.u32()?);
         Ok(Self {
             stamp: i64::from(seconds) * SECOND + i64::from(rest),
@@ -94,19 +94,26 @@ impl Header {
         })
     }
 
-    pub(crate) fn write(&self, writer: &mut Writer) {
+    pub(crate) fn write(&self, writer: &mut CdrWriter) {
         writer.i32(self.stamp.div_euclid(SECOND) as i32);
         writer.u32(self.stamp.rem_euclid(SECOND) as u32);
         writer.string(&self.frame);
     }
 }
 
-/// A message that cannot be used, and which it is.
-pub(crate) fn unusable(kind: Kind, error: Error) -> Error {
-    let what = format!("a message of {} {}", kind.name(), error.with_causes());
-    let found = Error::new(error.cause(), what);
-    match error.advice() {
-        Some(hint) => found.hint(hint),
-        None => found,
-    }
+/// Reads a message. Errors name its type.
+fn read_message<'a, T>(
+    kind: MessageType,
+    message: &'a [u8],
+    read: impl FnOnce(&mut CdrReader<'a>) -> Result<T>,
+) -> Result<T> {
+    let found = CdrReader::new(message).and_then(|mut reader| read(&mut reader));
+    found.map_err(|error| {
+        let what = format!("a message of {} {}", kind.name(), error.with_causes());
+        let named = Error::new(error.cause(), what);
+        match error.advice() {
+            Some(hint) => named.hint(hint),
+            None => named,
+        }
+    })
 }

@@ -1,6 +1,6 @@
 //! The body of `sensor_msgs/msg/Image`: rows of bytes that are not yet pixels.
 
-use crate::cdr::{Reader, damaged};
+use crate::cdr::{CdrReader, damaged};
 use lsdc_files::error::{Error, Result};
 
 /// An image before its pixels are looked at.
@@ -14,7 +14,7 @@ pub(super) struct Raw<'a> {
 }
 
 impl<'a> Raw<'a> {
-    pub(super) fn read(reader: &mut Reader<'a>) -> Result<Self> {
+    pub(super) fn read(reader: &mut CdrReader<'a>) -> Result<Self> {
         let [height, width] = [reader.u32()?, reader.u32()?].map(|v| v as usize);
         let encoding = reader.string()?;
         let (big_endian, step) = (reader.u8()? != 0, reader.u32()? as usize);
@@ -59,16 +59,26 @@ impl<'a> Raw<'a> {
         ))
     }
 
-    /// Pixels that are whole numbers of 16 bits.
-    pub(super) fn whole(&self) -> Result<impl Iterator<Item = u16>> {
+    /// Pixels of one number each, by its conversions from big-endian and little-endian bytes.
+    pub(super) fn numbers<T, const N: usize>(
+        &self,
+        from_be: impl Fn([u8; N]) -> T,
+        from_le: impl Fn([u8; N]) -> T,
+    ) -> Result<impl Iterator<Item = T>> {
         let big = self.big_endian;
-        let number = move |bytes: &[u8; 2]| {
+        let number = move |bytes: &[u8; N]| {
             if big {
-                u16::from_be_bytes(*bytes)
+                from_be(*bytes)
             } else {
-                u16::from_le_bytes(*bytes)
+                from_le(*bytes)
             }
         };
-        Ok(self.rows(2)?.flat_map(|row| row.as_chunks().0).map(number))
+        let pixels = self.rows(N)?.flat_map(|row| row.as_chunks::<N>().0);
+        Ok(pixels.map(number))
+    }
+
+    /// Pixels that are integers of 16 bits.
+    pub(super) fn numbers_u16(&self) -> Result<impl Iterator<Item = u16>> {
+        self.numbers(u16::from_be_bytes, u16::from_le_bytes)
     }
 }

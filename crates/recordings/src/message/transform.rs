@@ -1,7 +1,6 @@
 //! `tf2_msgs/msg/TFMessage`: where frames of reference are.
 
-use super::{Header, Kind, Stamp, unusable};
-use crate::cdr::Reader;
+use super::{Header, MessageType, Timestamp, read_message};
 use crate::rigid::Rigid;
 use lsdc_files::error::Result;
 
@@ -9,7 +8,7 @@ use lsdc_files::error::Result;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransformStamped {
     /// When.
-    pub stamp: Stamp,
+    pub stamp: Timestamp,
     /// The frame that it is in.
     pub parent: String,
     /// The frame that is there.
@@ -26,13 +25,12 @@ pub struct TransformStamped {
 pub(crate) fn transforms(message: &[u8]) -> Result<(Vec<TransformStamped>, usize)> {
     /// Of a transform without names.
     const LEAST: usize = 72;
-    let read = || {
-        let mut reader = Reader::new(message)?;
+    read_message(MessageType::Transforms, message, |reader| {
         let count = reader.length(LEAST)?;
         let mut found = Vec::with_capacity(count);
         let mut unusable = 0;
         for _ in 0..count {
-            let header = Header::read(&mut reader)?;
+            let header = Header::read(reader)?;
             let child = reader.string()?.trim_start_matches('/').to_owned();
             let translation = reader.array()?;
             let rotation = reader.array()?;
@@ -47,6 +45,5 @@ pub(crate) fn transforms(message: &[u8]) -> Result<(Vec<TransformStamped>, usize
             }
         }
         Ok((found, unusable))
-    };
-    read().map_err(|e| unusable(Kind::Transforms, e))
+    })
 }

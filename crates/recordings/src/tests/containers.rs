@@ -1,9 +1,9 @@
 //! Whole recordings, those that are cut off, and those that are written.
 
 use super::golden;
-use crate::container::Place;
-use crate::message::{Header, Kind};
-use crate::{Frames, Recording, Survey, Times, Wanted, Writer, write_cloud};
+use crate::container::MessageLocation;
+use crate::message::{Header, MessageType};
+use crate::{FrameOptions, Frames, MessageTimes, Recording, Survey, Writer, write_cloud};
 use std::path::Path;
 
 const CONTAINERS: [&str; 4] = ["zstd.mcap", "alone.mcap", "drive.mcap", "bag"];
@@ -20,15 +20,15 @@ fn count(survey: &Survey) -> u64 {
 fn any_message_can_be_read_again() {
     for name in CONTAINERS {
         let mut recording = Recording::open(&golden(name)).unwrap();
-        let mut found: Vec<(Place, Vec<u8>)> = Vec::new();
+        let mut found: Vec<(MessageLocation, Vec<u8>)> = Vec::new();
         let all = recording.visit(&|_| true, &mut |_, message| {
-            found.push((message.place, message.data.to_vec()));
+            found.push((message.location, message.data.to_vec()));
             Ok(())
         });
         all.unwrap();
-        assert!(found.is_sorted_by_key(|(place, _)| *place), "{name}");
-        for (place, data) in found.iter().rev() {
-            assert_eq!(&recording.read(*place).unwrap(), data, "{name}");
+        assert!(found.is_sorted_by_key(|(location, _)| *location), "{name}");
+        for (location, data) in found.iter().rev() {
+            assert_eq!(&recording.read(*location).unwrap(), data, "{name}");
         }
     }
 }
@@ -95,7 +95,7 @@ fn a_recording_that_is_cut_off_is_read_up_to_there() {
         for tenths in 4..10 {
             std::fs::write(&path, &bytes[..bytes.len() * tenths / 10]).unwrap();
             let found = survey(&path);
-            assert!(found.flaws.cut.is_some(), "{name} {tenths}");
+            assert!(found.defects.truncated.is_some(), "{name} {tenths}");
             counts.push(count(&found));
         }
         assert!(counts.is_sorted(), "{name}: {counts:?}");
@@ -111,7 +111,7 @@ fn a_recording_that_is_cut_off_is_read_up_to_there() {
     let bytes = std::fs::read(golden("drive.mcap")).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() * 8 / 10]).unwrap();
     let mut recording = Recording::open(&path).unwrap();
-    let frames = Frames::of(&mut recording, &Wanted::default()).unwrap();
+    let frames = Frames::of(&mut recording, &FrameOptions::default()).unwrap();
     assert!(
         frames.remarks[0].contains("cut off"),
         "{:?}",
@@ -125,10 +125,10 @@ fn what_is_written_appears_when_it_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.mcap");
     let message = write_cloud(&Header::default(), &[]);
-    let times = Times { log: 7, publish: 5 };
+    let times = MessageTimes { log: 7, publish: 5 };
     let mut writer = Writer::create(&path).unwrap();
     writer
-        .write("/points", Kind::PointCloud2, times, &message)
+        .write("/points", MessageType::PointCloud2, times, &message)
         .unwrap();
     drop(writer);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
@@ -136,12 +136,12 @@ fn what_is_written_appears_when_it_is_complete() {
     let mut writer = Writer::create(&path).unwrap();
     let mut copied = Vec::new();
     let visited = source.visit(&|_| true, &mut |topic, message| {
-        copied.push((topic.name.clone(), message.log_time, message.data.to_vec()));
+        copied.push((topic.name.clone(), message.times.log, message.data.to_vec()));
         writer.copy(topic, message)
     });
     visited.unwrap();
     writer
-        .write("/points", Kind::PointCloud2, times, &message)
+        .write("/points", MessageType::PointCloud2, times, &message)
         .unwrap();
     copied.push(("/points".to_owned(), 7, message));
     assert!(!path.exists());
@@ -158,10 +158,10 @@ fn what_is_written_appears_when_it_is_complete() {
                 "{}",
                 topic.name
             );
-            found.push((topic.name.clone(), message.log_time, message.data.to_vec()));
+            found.push((topic.name.clone(), message.times.log, message.data.to_vec()));
             Ok(())
         });
-    assert_eq!(visited.unwrap(), crate::Flaws::default());
+    assert_eq!(visited.unwrap(), crate::Defects::default());
     assert!(found == copied);
 }
 

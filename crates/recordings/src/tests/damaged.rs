@@ -3,24 +3,26 @@
 use super::golden;
 use crate::Recording;
 use crate::fuzzing::read;
-use crate::message::Kind;
+use crate::message::MessageType;
 use lsdc_rng::Rng;
 
 #[test]
 fn damaged_messages_do_no_harm() {
-    let mut sound: Vec<(Kind, Vec<u8>)> = Vec::new();
+    let mut intact: Vec<(MessageType, Vec<u8>)> = Vec::new();
     for name in ["zstd.mcap", "drive.mcap", "turn.mcap"] {
         let visited =
             Recording::open(&golden(name))
                 .unwrap()
                 .visit(&|_| true, &mut |topic, message| {
-                    sound.extend(Kind::of(&topic.kind).map(|kind| (kind, message.data.to_vec())));
+                    intact.extend(
+                        MessageType::of(&topic.kind).map(|kind| (kind, message.data.to_vec())),
+                    );
                     Ok(())
                 });
         visited.unwrap();
     }
     let mut refused = 0;
-    for (number, (kind, data)) in sound.iter().enumerate() {
+    for (number, (kind, data)) in intact.iter().enumerate() {
         assert!(read(*kind, data), "{kind:?}");
         for copy in 0..200 {
             let mut rng = Rng::stream(copy, &["message", &number.to_string()]);

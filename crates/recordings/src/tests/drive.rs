@@ -1,19 +1,19 @@
 //! The frames of a car that passes a wall.
 
 use super::{expected, golden, numbers};
-use crate::{Frames, Reason, Recording, Wanted};
+use crate::{DropReason, FrameOptions, Frames, Recording};
 use std::time::Duration;
 
-fn frames(wanted: &Wanted) -> lsdc_files::error::Result<(Recording, Frames)> {
+fn frames(options: &FrameOptions) -> lsdc_files::error::Result<(Recording, Frames)> {
     let mut recording = Recording::open(&golden("drive.mcap"))?;
-    let frames = Frames::of(&mut recording, wanted)?;
+    let frames = Frames::of(&mut recording, options)?;
     Ok((recording, frames))
 }
 
 /// Static transforms, and dynamic ones between the times of points and image; the lens; what is behind the camera.
 #[test]
 fn points_are_where_opencv_projects_them() {
-    let (mut recording, frames) = frames(&Wanted::default()).unwrap();
+    let (mut recording, frames) = frames(&FrameOptions::default()).unwrap();
     let expected = expected();
     let wanted = expected["frames"].as_array().unwrap();
     assert_eq!(frames.found.len(), wanted.len());
@@ -25,7 +25,7 @@ fn points_are_where_opencv_projects_them() {
             .decode(&frames)
             .unwrap();
         assert_eq!(loaded.image.dimensions(), (96, 72));
-        let places: Vec<Vec<f64>> = wanted["points"]
+        let positions: Vec<Vec<f64>> = wanted["points"]
             .as_array()
             .unwrap()
             .iter()
@@ -35,35 +35,42 @@ fn points_are_where_opencv_projects_them() {
         // What lies at the very border may be on either side of it.
         let all = found.points.len() + found.hidden;
         assert!(
-            places.len() > 100 && all.abs_diff(places.len()) <= 2,
+            positions.len() > 100 && all.abs_diff(positions.len()) <= 2,
             "{all} {}",
-            places.len()
+            positions.len()
         );
-        let mut off = 0.0_f64;
+        let mut deviation = 0.0_f64;
         for point in &found.points {
-            let distance = |place: &&Vec<f64>| (place[0] - point.u).hypot(place[1] - point.v);
+            let distance =
+                |position: &&Vec<f64>| (position[0] - point.u).hypot(position[1] - point.v);
             let by_distance = |a: &&Vec<f64>, b: &&Vec<f64>| distance(a).total_cmp(&distance(b));
-            let nearest = places.iter().min_by(by_distance).unwrap();
-            off = off
+            let nearest = positions.iter().min_by(by_distance).unwrap();
+            deviation = deviation
                 .max(distance(&nearest))
                 .max((nearest[2] - f64::from(point.depth)).abs());
         }
-        assert!(off < 2e-3, "{off}");
+        assert!(deviation < 2e-3, "{deviation}");
     }
 }
 
 #[test]
 fn every_image_is_found_or_dropped() {
-    let (_, frames) = frames(&Wanted::default()).unwrap();
+    let (_, frames) = frames(&FrameOptions::default()).unwrap();
     let stamps: Vec<i64> = frames.dropped.iter().map(|dropped| dropped.stamp).collect();
     let wanted = numbers_of_dropped();
     assert_eq!(stamps, wanted);
-    assert!(matches!(frames.dropped[0].reason, Reason::NoTransform(_)));
-    assert_eq!(frames.dropped[1].reason, Reason::NoPoints(Some(80_000_000)));
+    assert!(matches!(
+        frames.dropped[0].reason,
+        DropReason::NoTransform(_)
+    ));
+    assert_eq!(
+        frames.dropped[1].reason,
+        DropReason::NoPoints(Some(80_000_000))
+    );
     assert_eq!(frames.remarks, Vec::<String>::new());
-    let wide = Wanted {
+    let wide = FrameOptions {
         tolerance: Duration::from_millis(100),
-        ..Wanted::default()
+        ..FrameOptions::default()
     };
     let (_, frames) = self::frames(&wide).unwrap();
     assert_eq!((frames.found.len(), frames.dropped.len()), (5, 1));
@@ -78,44 +85,48 @@ fn numbers_of_dropped() -> Vec<i64> {
 #[test]
 fn what_is_not_there_is_named_with_what_is() {
     let topic = |name: &str| Some(name.to_owned());
-    let refused = |wanted: Wanted, what: &str, hint: &str| {
-        let error = frames(&wanted).err().unwrap();
+    let refused = |options: FrameOptions, what: &str, hint: &str| {
+        let error = frames(&options).err().unwrap();
         assert!(error.to_string().contains(what), "{error}");
         let advice = error.advice().unwrap();
         assert!(advice.contains(hint), "{advice}");
     };
-    let usual = Wanted::default;
-    let wanted = Wanted {
+    let usual = FrameOptions::default;
+    let options = FrameOptions {
         image: topic("/camera/image_raw"),
         ..usual()
     };
     refused(
-        wanted,
+        options,
         "no topic `/camera/image_raw`",
         "/camera/image_raw/compressed",
     );
-    let wanted = Wanted {
+    let options = FrameOptions {
         points: topic("/tf"),
         ..usual()
     };
-    refused(wanted, "is of type tf2_msgs/msg/TFMessage", "/lidar/points");
-    let wanted = Wanted {
+    refused(
+        options,
+        "is of type tf2_msgs/msg/TFMessage",
+        "/lidar/points",
+    );
+    let options = FrameOptions {
         camera_info: topic("/lidar/points"),
         ..usual()
     };
-    refused(wanted, "is of type", "/camera/camera_info");
-    let wanted = Wanted {
+    refused(options, "is of type", "/camera/camera_info");
+    let options = FrameOptions {
         tf: vec!["/tf".to_owned()],
         ..usual()
     };
     refused(
-        wanted,
+        options,
         "no transforms lead from `lidar` to `camera`",
         "base_link",
     );
-    let wanted = Wanted {
+    let options = FrameOptions {
         fixed: topic("map"),
         ..usual()
     };
-    refused(wanted, "not both in the frame `map`", "odom");
+    refused(options, "not both in the frame `map`", "odom");
 }

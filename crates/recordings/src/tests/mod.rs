@@ -3,7 +3,7 @@
 mod containers;
 mod damaged;
 mod drive;
-mod told;
+mod remarks;
 mod turn;
 mod types;
 

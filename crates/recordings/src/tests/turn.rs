@@ -1,8 +1,8 @@
 //! A scanner that passes over a wall while it drives and turns: each point at its own time.
 
 use super::{expected, golden, numbers};
-use crate::message::Kind;
-use crate::{Frames, Loaded, Recording, Times, Wanted, Writer};
+use crate::message::MessageType;
+use crate::{DecodedFrame, FrameOptions, Frames, Recording, Writer};
 use lsdc_core::Observations;
 
 /// Points of a cloud.
@@ -11,12 +11,12 @@ const DRIVERS: [&str; 4] = ["ouster", "velodyne", "hesai", "livox"];
 
 fn frames(driver: &str, deskew: bool) -> (Recording, Frames) {
     let mut recording = Recording::open(&golden("turn.mcap")).unwrap();
-    let wanted = Wanted {
+    let options = FrameOptions {
         points: Some(format!("/{driver}/points")),
         deskew,
-        ..Wanted::default()
+        ..FrameOptions::default()
     };
-    let frames = Frames::of(&mut recording, &wanted).unwrap();
+    let frames = Frames::of(&mut recording, &options).unwrap();
     (recording, frames)
 }
 
@@ -43,39 +43,40 @@ fn altered(driver: &str, change: impl Fn(usize, usize, &mut [u8])) -> (Recording
             times.for_each(|(point, time)| change(clouds, point, time));
             clouds += 1;
         }
-        let times = Times {
-            log: message.log_time,
-            publish: message.publish_time,
-        };
-        writer.write(&topic.name, Kind::of(&topic.kind).unwrap(), times, &data)
+        writer.write(
+            &topic.name,
+            MessageType::of(&topic.kind).unwrap(),
+            message.times,
+            &data,
+        )
     });
     visited.unwrap();
     writer.finish().unwrap();
     let mut recording = Recording::open(&path).unwrap();
-    let wanted = Wanted {
+    let options = FrameOptions {
         points: Some(name),
-        ..Wanted::default()
+        ..FrameOptions::default()
     };
-    let frames = Frames::of(&mut recording, &wanted).unwrap();
+    let frames = Frames::of(&mut recording, &options).unwrap();
     (recording, frames)
 }
 
-fn loaded(recording: &mut Recording, frames: &Frames, number: usize) -> Loaded {
+fn loaded(recording: &mut Recording, frames: &Frames, number: usize) -> DecodedFrame {
     let stored = frames.read(recording, &frames.found[number]).unwrap();
     stored.decode(frames).unwrap()
 }
 
 /// How far points are from the wall at most, by the depth of the wall at their pixels.
-fn off_the_wall(loaded: &Loaded, number: usize) -> f64 {
+fn off_the_wall(loaded: &DecodedFrame, number: usize) -> f64 {
     let frame = &expected()["turn"]["frames"][number];
     assert_eq!(frame["stamp"].as_i64(), Some(loaded.header.stamp));
     let plane = numbers(&frame["plane"]);
-    let off = loaded.points.points.iter().map(|point| {
+    let deviation = loaded.points.points.iter().map(|point| {
         let ray = [(point.u - 23.5) / 40.0, (point.v - 17.5) / 40.0, 1.0];
         let along: f64 = ray.iter().zip(&plane).map(|(a, b)| a * b).sum();
         (f64::from(point.depth) - plane[3] / along).abs()
     });
-    off.fold(0.0, f64::max)
+    deviation.fold(0.0, f64::max)
 }
 
 #[test]
@@ -83,13 +84,16 @@ fn a_wall_is_flat_whatever_the_scanner_does() {
     for driver in DRIVERS {
         let (mut recording, frames) = frames(driver, true);
         assert!(frames.remarks.is_empty(), "{:?}", frames.remarks);
-        let deskewed = frames.deskewed().unwrap();
-        assert!((deskewed.seconds - 0.079).abs() < 1e-6, "{deskewed:?}");
+        let point_times = frames.point_times().unwrap();
+        assert!(
+            (point_times.seconds - 0.079).abs() < 1e-6,
+            "{point_times:?}"
+        );
         let found = loaded(&mut recording, &frames, 0);
         let count = found.points.points.len();
-        let off = off_the_wall(&found, 0);
+        let deviation = off_the_wall(&found, 0);
         assert!(count > 200 && found.unplaced == 0, "{driver}: {count}");
-        assert!(off < 1e-4, "{driver}: {off}");
+        assert!(deviation < 1e-4, "{driver}: {deviation}");
     }
 }
 
@@ -98,19 +102,19 @@ fn a_wall_is_flat_whatever_the_scanner_does() {
 fn without_times_the_wall_is_bent() {
     for driver in DRIVERS {
         let (mut recording, frames) = self::frames(driver, false);
-        assert_eq!(frames.deskewed(), None);
-        let off = off_the_wall(&loaded(&mut recording, &frames, 0), 0);
-        assert!(off > 0.2, "{driver}: {off}");
+        assert_eq!(frames.point_times(), None);
+        let deviation = off_the_wall(&loaded(&mut recording, &frames, 0), 0);
+        assert!(deviation > 0.2, "{driver}: {deviation}");
     }
     // No transform moves, or they are not looked at.
     let mut recording = Recording::open(&golden("turn.mcap")).unwrap();
-    let wanted = Wanted {
+    let options = FrameOptions {
         points: Some("/ouster/points".to_owned()),
         tf: vec!["/tf_static".to_owned()],
-        ..Wanted::default()
+        ..FrameOptions::default()
     };
-    let frames = Frames::of(&mut recording, &wanted).unwrap();
-    assert_eq!(frames.deskewed(), None);
+    let frames = Frames::of(&mut recording, &options).unwrap();
+    assert_eq!(frames.point_times(), None);
     assert!(frames.remarks[0].contains("(`t`)"), "{:?}", frames.remarks);
 }
 
@@ -156,8 +160,8 @@ fn wrong_times_are_those_of_their_points() {
         let points = &found.points;
         let all = points.points.len() + points.outside + points.hidden + points.ignored;
         assert_eq!(all + found.unplaced, COUNT);
-        let off = off_the_wall(&found, 0);
-        assert!(off < 1e-4, "{driver} {wrong:?}: {off}");
+        let deviation = off_the_wall(&found, 0);
+        assert!(deviation < 1e-4, "{driver} {wrong:?}: {deviation}");
     }
 }
 
@@ -177,7 +181,7 @@ fn a_cloud_without_times_counts_at_its_stamp() {
     };
     let altered = [altered("ouster", zero), altered("ouster", late)];
     for (number, (mut recording, frames)) in altered.into_iter().enumerate() {
-        assert_eq!(frames.deskewed().unwrap().field, "t");
+        assert_eq!(frames.point_times().unwrap().field, "t");
         let found = loaded(&mut recording, &frames, number);
         assert!(found.skewed && found.unplaced == 0);
         assert!(found.points.remarks[0].contains("at the stamp of their cloud"));
@@ -192,7 +196,7 @@ fn a_cloud_without_times_counts_at_its_stamp() {
 fn times_of_no_cloud_are_remarked_once() {
     for driver in DRIVERS {
         let (mut recording, frames) = altered(driver, |_, _, time| time.fill(0));
-        assert_eq!(frames.deskewed(), None, "{driver}");
+        assert_eq!(frames.point_times(), None, "{driver}");
         let [remark] = &frames.remarks[..] else {
             panic!("{:?}", frames.remarks)
         };

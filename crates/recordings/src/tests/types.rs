@@ -1,8 +1,8 @@
 //! A message of every type and encoding, as NumPy and OpenCV read it.
 
 use super::{expected, golden, numbers};
-use crate::message::{Header, Kind, Points, camera_of, colours, depths};
-use crate::{Frames, Recording, Topic, Wanted};
+use crate::message::{Header, MessageType, PointCloud, camera_of, colours, depths};
+use crate::{FrameOptions, Frames, Recording, Topic};
 use lsdc_files::Unit;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,11 +11,11 @@ use std::sync::Arc;
 fn messages(name: &str) -> BTreeMap<String, (Arc<Topic>, Vec<u8>)> {
     let mut found = BTreeMap::new();
     let mut recording = Recording::open(&golden(name)).unwrap();
-    let flaws = recording.visit(&|_| true, &mut |topic, message| {
+    let defects = recording.visit(&|_| true, &mut |topic, message| {
         found.insert(topic.name.clone(), (topic.clone(), message.data.to_vec()));
         Ok(())
     });
-    assert_eq!(flaws.unwrap(), crate::Flaws::default());
+    assert_eq!(defects.unwrap(), crate::Defects::default());
     found
 }
 
@@ -40,7 +40,7 @@ fn colours_are_those_of_opencv() {
     let messages = messages("zstd.mcap");
     for (name, values) in expected()["colours"].as_object().unwrap() {
         let (topic, data) = &messages[name];
-        let (header, image, _) = colours(Kind::of(&topic.kind).unwrap(), data).unwrap();
+        let (header, image, _) = colours(MessageType::of(&topic.kind).unwrap(), data).unwrap();
         assert_eq!(
             (header.frame.as_str(), image.dimensions()),
             ("eye", (14, 10)),
@@ -57,9 +57,9 @@ fn colours_are_those_of_opencv() {
             // OpenCV copies the colours next to the border of a mosaic.
             let inside = (1..13).contains(&x) && (1..9).contains(&y);
             let compared = inside || !name.contains("bayer");
-            let off = (f64::from(found) - value).abs();
+            let deviation = (f64::from(found) - value).abs();
             assert!(
-                !compared || off <= near,
+                !compared || deviation <= near,
                 "{name} at {x}, {y}: {found} {value}"
             );
         }
@@ -74,7 +74,7 @@ fn depths_are_those_of_numpy() {
     assert_eq!(topics.len(), 7);
     for (name, values) in topics {
         let (topic, data) = &messages[name];
-        let found = depths(Kind::of(&topic.kind).unwrap(), data, None).unwrap();
+        let found = depths(MessageType::of(&topic.kind).unwrap(), data, None).unwrap();
         assert_eq!((found.depth.width(), found.depth.height()), (14, 10));
         for (found, value) in found.depth.values().iter().zip(numbers(values)) {
             assert!(
@@ -91,17 +91,17 @@ fn points_of_any_layout_are_read() {
     let topics = expected();
     let topics = topics["clouds"].as_object().unwrap();
     assert_eq!(topics.len(), 4);
-    for (name, places) in topics {
+    for (name, positions) in topics {
         let data = &messages[name].1;
         assert_eq!(Header::of(data).unwrap().frame, "eye");
-        let found: Vec<_> = Points::of(data).unwrap().iter().collect();
-        let places = places.as_array().unwrap();
-        assert_eq!(found.len(), places.len());
-        for (found, place) in found.iter().zip(places) {
-            if place.is_null() {
+        let found: Vec<_> = PointCloud::of(data).unwrap().iter().collect();
+        let positions = positions.as_array().unwrap();
+        assert_eq!(found.len(), positions.len());
+        for (found, position) in found.iter().zip(positions) {
+            if position.is_null() {
                 assert!(found.iter().all(|v| v.is_nan()));
             } else {
-                assert_eq!(found[..], numbers(place)[..], "{name}");
+                assert_eq!(found[..], numbers(position)[..], "{name}");
             }
         }
     }
@@ -117,27 +117,30 @@ fn cameras_project_as_opencv() {
         let described = camera_of(&messages[name].1, false).unwrap();
         assert_eq!(described.header.frame, "eye");
         let camera = described.camera;
-        let place: [f64; 3] = numbers(&found[0]).try_into().unwrap();
-        let (pixel, depth) = camera.project(place).unwrap();
+        let position: [f64; 3] = numbers(&found[0]).try_into().unwrap();
+        let (pixel, depth) = camera.project(position).unwrap();
         let expected = numbers(&found[1]);
-        let off = (pixel[0] - expected[0]).hypot(pixel[1] - expected[1]);
-        assert!(off < 1e-9 && depth == 2.0, "{name}: {pixel:?} {expected:?}");
+        let deviation = (pixel[0] - expected[0]).hypot(pixel[1] - expected[1]);
+        assert!(
+            deviation < 1e-9 && depth == 2.0,
+            "{name}: {pixel:?} {expected:?}"
+        );
         // Once the image is rectified, the lens is straight.
         let camera = camera_of(&messages[name].1, true).unwrap().camera;
-        let (pixel, _) = camera.project(place).unwrap();
+        let (pixel, _) = camera.project(position).unwrap();
         assert_eq!(pixel, [12.0 * 0.2 + 6.4, 12.5 * -0.15 + 4.7]);
     }
 }
 
 fn frames(image: &str, points: &str) -> (Recording, Frames) {
     let mut recording = Recording::open(&golden("zstd.mcap")).unwrap();
-    let wanted = Wanted {
+    let options = FrameOptions {
         image: Some(image.to_owned()),
         points: Some(points.to_owned()),
         camera_info: Some("/cameras/straight/camera_info".to_owned()),
-        ..Wanted::default()
+        ..FrameOptions::default()
     };
-    let frames = Frames::of(&mut recording, &wanted).unwrap();
+    let frames = Frames::of(&mut recording, &options).unwrap();
     assert_eq!((frames.found.len(), frames.dropped.len()), (1, 0));
     (recording, frames)
 }
@@ -190,8 +193,9 @@ fn depths_of_another_frame_are_points() {
     assert_eq!(found.points.len() + found.hidden, expected.len());
     assert!(found.points.len() > 100, "{}", found.points.len());
     for point in &found.points {
-        let same = |place: &&Vec<f64>| (place[0] - point.u).hypot(place[1] - point.v) < 1e-5;
-        let place = expected.iter().find(same).unwrap();
-        assert!((place[2] - f64::from(point.depth)).abs() < 1e-5);
+        let same =
+            |position: &&Vec<f64>| (position[0] - point.u).hypot(position[1] - point.v) < 1e-5;
+        let position = expected.iter().find(same).unwrap();
+        assert!((position[2] - f64::from(point.depth)).abs() < 1e-5);
     }
 }

@@ -2,7 +2,8 @@
 
 use super::media::media;
 use crate::answer;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
+use crate::header_text;
 use axum::body::Body;
 use axum::extract::Path;
 use axum::http::{HeaderMap, HeaderValue, Response, StatusCode, header};
@@ -29,13 +30,12 @@ pub(super) async fn file(
 fn find(name: &str, headers: &HeaderMap) -> Result<Response<Body>, Fault> {
     let mut files = FILES.iter();
     let Some((_, bytes)) = files.find(|(own, _)| *own == name) else {
-        return Err(Fault::new(Kind::NotFound, "the page has no such file"));
+        return Err(Fault::new(FaultKind::NotFound, "the page has no such file"));
     };
     let mut hasher = DefaultHasher::new();
     bytes.hash(&mut hasher);
     let tag = format!("\"{:016x}\"", hasher.finish());
-    let known = headers.get(header::IF_NONE_MATCH);
-    let known = known.and_then(|value| value.to_str().ok());
+    let known = header_text(headers, header::IF_NONE_MATCH);
     let mut tags = known.unwrap_or_default().split(',').map(str::trim);
     let mut response = if tags.any(|known| known == tag || known == "*") {
         let mut unchanged = Response::new(Body::empty());

@@ -4,7 +4,7 @@ use super::media::media;
 use super::start::page;
 use crate::answer;
 use crate::app::App;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::{Response, StatusCode};
@@ -31,6 +31,6 @@ pub(super) async fn file(
     let demos = page(&app)?.demos.iter().filter(|demo| demo.name == name);
     let mut files = demos.flat_map(|demo| [demo.image, demo.points]);
     let found = files.find(|asset| asset.name == file);
-    let found = found.ok_or_else(|| Fault::new(Kind::NotFound, "there is no such example"))?;
+    let found = found.ok_or_else(|| Fault::new(FaultKind::NotFound, "there is no such example"))?;
     Ok(answer::text(media(found.name), found.bytes))
 }

@@ -1,11 +1,11 @@
 //! The gallery: results that were made before.
 
 use super::media::media;
-use super::results::{Frame, Run};
+use super::results::{GalleryFrame, GalleryRun, runs};
 use super::start::page;
 use crate::answer;
 use crate::app::App;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::{Response, StatusCode};
@@ -17,12 +17,35 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Width of a small picture.
 const SMALL: u32 = 240;
 /// Frames of a run whose standard deviations are summed up, for which their maps are read.
 const SUMMED: usize = 500;
+
+/// The runs as they were listed last, by whose numbers and names files are found: no folder is read again for a picture.
+#[derive(Default)]
+pub(crate) struct GalleryCache(Mutex<Option<Arc<Vec<GalleryRun>>>>);
+
+impl GalleryCache {
+    /// Reads the folders.
+    pub(super) fn renew(&self, folders: &[PathBuf]) -> Arc<Vec<GalleryRun>> {
+        let found = Arc::new(folders.iter().flat_map(|folder| runs(folder)).collect());
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&found));
+        found
+    }
+
+    /// What was read last, or is read now.
+    pub(super) fn get(&self, folders: &[PathBuf]) -> Arc<Vec<GalleryRun>> {
+        let known = self
+            .0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        known.unwrap_or_else(|| self.renew(folders))
+    }
+}
 
 /// Results are few beside what a service computes, and on this machine: read in the thread that serves them, apart.
 async fn apart<T: Send + 'static>(
@@ -37,7 +60,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Response<Body>, 
     Ok(answer::json(StatusCode::OK, &listed))
 }
 
-fn listed(runs: &[Run]) -> Value {
+fn listed(runs: &[GalleryRun]) -> Value {
     let runs = runs.iter().enumerate().map(|(number, run)| {
         let summed = run.frames.len() <= SUMMED;
         let frames = run.frames.iter().map(|(id, frame)| {
@@ -71,7 +94,7 @@ pub(super) async fn file(
 ) -> Result<Response<Body>, Fault> {
     let work = move || {
         let page = page(&app)?;
-        let missing = || Fault::new(Kind::NotFound, "the gallery has no such file");
+        let missing = || Fault::new(FaultKind::NotFound, "the gallery has no such file");
         let runs = app.gallery.get(&page.gallery);
         let run = runs.get(run).ok_or_else(missing)?;
         let frame = run.frames.get(&id).ok_or_else(missing)?;
@@ -102,11 +125,14 @@ fn map(path: &std::path::Path) -> Result<DepthMap, Fault> {
     map.ok_or_else(|| Fault::unusable("the file holds no map"))
 }
 
-fn small(frame: &Frame, paint: fn(&DepthMap) -> image::RgbImage) -> Result<Response<Body>, Fault> {
+fn small(
+    frame: &GalleryFrame,
+    paint: fn(&DepthMap) -> image::RgbImage,
+) -> Result<Response<Body>, Fault> {
     let picture = match (&frame.colours, &frame.depth) {
         (Some(path), _) => lsdc_files::read_rgb(path)?,
         (None, Some(path)) => paint(&map(path)?),
-        (None, None) => return Err(Fault::new(Kind::NotFound, "the frame has no picture")),
+        (None, None) => return Err(Fault::new(FaultKind::NotFound, "the frame has no picture")),
     };
     let (width, height) = picture.dimensions();
     let across = width.min(SMALL);

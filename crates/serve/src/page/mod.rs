@@ -3,13 +3,12 @@
 mod assets;
 mod demo;
 mod gallery;
-mod index;
 mod media;
 mod results;
 mod settings;
 mod start;
 
-pub(crate) use index::Index;
+pub(crate) use gallery::GalleryCache;
 pub use settings::{Asset, Demo, Page, Start};
 
 use crate::app::App;

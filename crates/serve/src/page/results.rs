@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 /// The results of one method, or of one run.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Run {
+pub(crate) struct GalleryRun {
     pub(super) name: String,
     /// By their names, in which `/` leads to folders.
-    pub(super) frames: BTreeMap<String, Frame>,
+    pub(super) frames: BTreeMap<String, GalleryFrame>,
 }
 
 /// The files of a frame.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Frame {
+pub(crate) struct GalleryFrame {
     pub(super) image: Option<PathBuf>,
     pub(super) colours: Option<PathBuf>,
     pub(super) depth: Option<PathBuf>,
@@ -41,7 +41,7 @@ const RECORDS: &str = ".lsdc";
 const MOST: usize = 100_000;
 
 /// The runs in a folder.
-pub(super) fn runs(folder: &Path) -> Vec<Run> {
+pub(super) fn runs(folder: &Path) -> Vec<GalleryRun> {
     let evaluated = evaluated(folder);
     if evaluated.is_empty() {
         vec![completed(folder)]
@@ -57,37 +57,30 @@ fn name(path: &Path) -> String {
 }
 
 /// What `lsdc complete` has written.
-fn completed(folder: &Path) -> Run {
-    let mut frames: BTreeMap<String, Frame> = BTreeMap::new();
-    for (id, path) in files(folder) {
-        let mut kinds = DEPTHS.iter().chain([&COLOURS, &DEVIATION]);
-        let Some((stem, end)) = kinds.find_map(|end| Some((id.strip_suffix(end)?, *end))) else {
-            continue;
-        };
-        let frame = frames.entry(stem.to_owned()).or_default();
-        match end {
-            COLOURS => frame.colours = Some(path),
-            DEVIATION => frame.deviation = Some(path),
-            _ => {
-                let rank = |path: &Path| {
-                    let text = path.to_string_lossy();
-                    DEPTHS.iter().position(|end| text.ends_with(end))
-                };
-                let better = frame
-                    .depth
-                    .as_ref()
-                    .is_none_or(|old| rank(&path) < rank(old));
-                if better {
-                    frame.depth = Some(path);
-                }
+fn completed(folder: &Path) -> GalleryRun {
+    let files = files(folder);
+    let mut frames: BTreeMap<String, GalleryFrame> = BTreeMap::new();
+    let mut add = |ending: &str, set: fn(&mut GalleryFrame, &Path)| {
+        for (id, path) in &files {
+            if let Some(stem) = id.strip_suffix(ending) {
+                set(frames.entry(stem.to_owned()).or_default(), path);
             }
         }
+    };
+    for ending in DEPTHS {
+        add(ending, |frame, path| {
+            frame.depth.get_or_insert_with(|| path.to_owned());
+        });
     }
+    add(COLOURS, |frame, path| frame.colours = Some(path.to_owned()));
+    add(DEVIATION, |frame, path| {
+        frame.deviation = Some(path.to_owned());
+    });
     for (id, frame) in &mut frames {
         frame.image = image(folder, id);
     }
     add_records(folder, &mut frames);
-    Run {
+    GalleryRun {
         name: name(folder),
         frames,
     }
@@ -100,8 +93,8 @@ fn image(folder: &Path, id: &str) -> Option<PathBuf> {
     paths.find(|path| path.is_file())
 }
 
-/// What the records say: the error at points that were left out.
-fn add_records(folder: &Path, frames: &mut BTreeMap<String, Frame>) {
+/// Adds the leave-one-out errors of the records.
+fn add_records(folder: &Path, frames: &mut BTreeMap<String, GalleryFrame>) {
     let records = folder.join(RECORDS);
     for (id, path) in files(&records) {
         // Named after the image: `left/0001.png.json`.
@@ -120,9 +113,8 @@ fn add_records(folder: &Path, frames: &mut BTreeMap<String, Frame>) {
 }
 
 /// What `lsdc eval --save` has written: `METHOD/seedN/FRAME.npy`.
-fn evaluated(folder: &Path) -> Vec<Run> {
-    let mut runs: BTreeMap<String, Run> = BTreeMap::new();
-    let found: Vec<(String, PathBuf)> = files(folder).collect();
+fn evaluated(folder: &Path) -> Vec<GalleryRun> {
+    let mut runs: BTreeMap<String, GalleryRun> = BTreeMap::new();
     let parts = |id: &str| {
         let (method, rest) = id.split_once("/seed")?;
         let (seed, frame) = rest.split_once('/')?;
@@ -133,7 +125,7 @@ fn evaluated(folder: &Path) -> Vec<Run> {
     let report = [folder.join("report.json"), folder.join("../report.json")];
     let report = report.iter().find_map(|path| read_json(path));
     let errors = report.as_ref().map(errors).unwrap_or_default();
-    for (id, path) in found {
+    for (id, path) in files(folder) {
         let Some((method, seed, frame)) = parts(&id) else {
             continue;
         };
@@ -144,8 +136,7 @@ fn evaluated(folder: &Path) -> Vec<Run> {
         frame.depth = Some(path);
         frame.error = error.map(|error| (*error, "RMSE"));
     }
-    for failure in report.iter().flat_map(failures) {
-        let (name, why) = failure;
+    for (name, why) in report.iter().flat_map(failures) {
         for run in runs.values_mut() {
             let frame = run.frames.entry(name.clone()).or_default();
             frame.failure = Some(why.clone());
@@ -189,7 +180,7 @@ fn read_json(path: &Path) -> Option<Value> {
 }
 
 /// The files in a folder and below it, but for hidden folders, with their names from there.
-fn files(folder: &Path) -> impl Iterator<Item = (String, PathBuf)> {
+fn files(folder: &Path) -> Vec<(String, PathBuf)> {
     let (mut found, mut folders) = (Vec::new(), vec![(String::new(), folder.to_owned())]);
     while let Some((above, folder)) = folders.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -204,5 +195,5 @@ fn files(folder: &Path) -> impl Iterator<Item = (String, PathBuf)> {
             }
         }
     }
-    found.into_iter()
+    found
 }

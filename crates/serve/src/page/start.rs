@@ -4,7 +4,7 @@ use super::media::media;
 use super::settings::{Page, Start};
 use crate::answer;
 use crate::app::App;
-use crate::fault::{Fault, Kind};
+use crate::fault::{Fault, FaultKind};
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::{Response, StatusCode};
@@ -64,7 +64,7 @@ pub(super) async fn file(
 
 fn missing() -> Fault {
     Fault::new(
-        Kind::NotFound,
+        FaultKind::NotFound,
         "the page was not opened with this file, or it has gone",
     )
 }

@@ -3,7 +3,7 @@
 use crate::client::{Reply, Running, asset, asset_path, completer, file, text};
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
 use lsdc_core::{Channels, Completion, Image, Scene};
-use lsdc_files::{Camera, Cloud, CloudOptions, Sparse, read_rgb};
+use lsdc_files::{Camera, CloudOptions, ColoredCloud, Sparse, read_rgb};
 use lsdc_serve::Config;
 
 const CAMERA: &str = "260,260,151.5,113.5";
@@ -28,7 +28,7 @@ fn forms(found: &Completion) -> Vec<(&'static str, Vec<u8>)> {
     let rgb = read_rgb(&asset_path("rgb.png")).unwrap();
     let camera = Camera::pinhole([260.0; 2], [151.5, 113.5]);
     let camera = camera.resized((depth.width(), depth.height())).unwrap();
-    let cloud = Cloud::new(
+    let cloud = ColoredCloud::new(
         &depth,
         Some(&deviation),
         &rgb,

@@ -2,11 +2,10 @@
 //! `lsdc_core::network::Encoder` adds the same to its weights.
 
 use super::layers::{Init, Linear};
-use super::parameters::named;
+use super::parameters::tables;
 use burn::module::Module;
 use burn::tensor::Tensor;
-use lsdc_core::network::ADAPTERS;
-use lsdc_core::network::AdapterConfig;
+use lsdc_core::network::{ADAPTERS, AdapterConfig};
 use lsdc_core::weights::Tensor as Table;
 use std::collections::BTreeMap;
 
@@ -86,11 +85,9 @@ impl Adapters {
 
     /// Their tensors by the names that they have in weights files.
     pub fn tensors(&self) -> BTreeMap<String, Table> {
-        let tensors = named(self).into_iter().filter_map(|tensor| {
-            let values = tensor.data.iter::<f32>().collect();
-            let table = Table::new(tensor.data.shape().to_vec(), values)?;
-            Some((format!("{ADAPTERS}{}", tensor.name), table))
-        });
-        tensors.collect()
+        let tables = tables(self).into_iter();
+        tables
+            .map(|(name, table)| (format!("{ADAPTERS}{name}"), table))
+            .collect()
     }
 }

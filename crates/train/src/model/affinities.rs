@@ -1,21 +1,21 @@
 //! How strongly neighbouring pixels are joined.
 
 use burn::tensor::Tensor;
-use lsdc_core::network::{CONTRAST, LEAST, MOST_CHANGE};
+use lsdc_core::network::{CONTRAST, LEAST_AFFINITY, MAX_LOG_FACTOR};
 
 /// The affinities `[batch, height, width, 2]` with which each pixel of normalised images `[batch,
 /// height, width, 3]` is joined to its right and lower neighbour: `a = 1 / (1 + (dC / CONTRAST)^2) +
-/// LEAST`, dC being the difference in colour; with changes (f, g), `e^f a^(1 + g)`.
+/// LEAST_AFFINITY`, dC being the difference in colour; with changes (f, g), `e^f a^(1 + g)`.
 pub(super) fn affinities(images: Tensor<4>, changes: Option<Tensor<4>>) -> Tensor<4> {
     let differences = Tensor::cat(vec![squares(&images, 2), squares(&images, 1)], 3);
-    let alike = (differences / (CONTRAST * CONTRAST) + 1.0).recip() + LEAST;
+    let alike = (differences / (CONTRAST * CONTRAST) + 1.0).recip() + LEAST_AFFINITY;
     match changes {
         None => alike,
         Some(changes) => {
             let factor = changes
                 .clone()
                 .narrow(3, 0, 2)
-                .clamp(-MOST_CHANGE, MOST_CHANGE);
+                .clamp(-MAX_LOG_FACTOR, MAX_LOG_FACTOR);
             let more = changes.narrow(3, 2, 2).clamp(-1.0, 1.0);
             (alike.log() * (more + 1.0) + factor).exp()
         }

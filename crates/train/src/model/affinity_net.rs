@@ -1,4 +1,4 @@
-//! The network that tells edges of the depth from edges of the colours: an encoder to a sixteenth of
+//! The network that separates edges of the depth from edges of the colours: an encoder to a sixteenth of
 //! the resolution and a decoder back to all of it (U-Net, Ronneberger et al. 2015, with sums in the
 //! place of concatenations). It shares nothing with the extractor, so that either can be trained
 //! without the other.

@@ -10,12 +10,12 @@ use lsdc_kernels::conv::ConvSpec;
 #[derive(Module, Debug)]
 pub(super) struct Backbone {
     pub(super) stem: ConvNorm,
-    pub(super) blocks: Vec<Inverted>,
+    pub(super) blocks: Vec<InvertedResidual>,
 }
 
 /// An inverted residual block.
 #[derive(Module, Debug)]
-pub(super) struct Inverted {
+pub(super) struct InvertedResidual {
     pub(super) expand: Option<ConvNorm>,
     pub(super) depthwise: ConvNorm,
     pub(super) project: ConvNorm,
@@ -37,7 +37,7 @@ impl Backbone {
             } = config;
             let spec = ConvSpec::depthwise(taps, stride);
             let expands = config.expands();
-            Inverted {
+            InvertedResidual {
                 expand: expands.then(|| ConvNorm::init(from, inner, 1, pointwise, init)),
                 depthwise: ConvNorm::init(1, inner, taps, spec, init),
                 project: ConvNorm::init(inner, to, 1, pointwise, init),
@@ -72,7 +72,7 @@ impl Backbone {
     }
 }
 
-impl Inverted {
+impl InvertedResidual {
     fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         let inner = match &self.expand {
             None => x.clone(),

@@ -5,8 +5,8 @@ use super::layers::{Hidden, Init, Linear};
 use super::{encoding, grid};
 use burn::module::Module;
 use burn::tensor::{Int, Tensor, TensorData};
+use lsdc_core::network::MAX_LOG_DEPTH;
 use lsdc_core::network::NetworkConfig;
-use lsdc_core::network::STEEPEST;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -48,13 +48,13 @@ impl BasisHead {
 /// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {
-    seen: ExtractorOutput,
+    extracted: ExtractorOutput,
     head: BasisHead,
 }
 
 impl Bases {
-    pub(super) fn new(seen: ExtractorOutput, head: BasisHead) -> Self {
-        Self { seen, head }
+    pub(super) fn new(extracted: ExtractorOutput, head: BasisHead) -> Self {
+        Self { extracted, head }
     }
 
     /// Values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`, the
@@ -67,20 +67,12 @@ impl Bases {
 
     /// What basis functions at pixels, as in [`Bases::at`], are made from.
     pub fn hidden_at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> HiddenBases {
-        let device = self.seen.features.device();
-        let batch = pixels.len();
-        let count = pixels.first().map_or(0, Vec::len);
-        let mut input = grid::sample(self.seen.features.clone(), size, pixels);
-        let logarithm = self.seen.logarithm.clone();
-        let logarithm = logarithm.map(|map| grid::sample(map, size, pixels));
-        let width = encoding::channels(self.head.octaves);
-        if width > 0 {
-            let encode = |list: &Vec<u32>| encoding::encode(size, list, self.head.octaves);
-            let codes: Vec<Vec<f32>> = pixels.par_iter().map(encode).collect();
-            let codes = TensorData::new(codes.concat(), [batch * count, width]);
-            input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
-        }
-        self.hidden(input, logarithm, [batch, count])
+        let encode = |list: &Vec<u32>| encoding::encode(size, list, self.head.octaves);
+        self.hidden(
+            [pixels.len(), pixels.first().map_or(0, Vec::len)],
+            |map| grid::sample(map, size, pixels),
+            || pixels.par_iter().map(encode).collect::<Vec<_>>().concat(),
+        )
     }
 
     /// [`Bases::hidden_at`] pixels, and the values of all functions at the first `count` of each image.
@@ -94,7 +86,7 @@ impl Bases {
         count: usize,
     ) -> (HiddenBases, Tensor<3>) {
         let hidden = self.hidden_at(size, pixels);
-        let device = self.seen.features.device();
+        let device = self.extracted.features.device();
         let first = if self.head.hidden.iter().all(|layer| layer.is_fixed(&device)) {
             let lists = pixels.iter().map(|list| list[..count].to_vec());
             self.at(size, &lists.collect::<Vec<_>>())
@@ -107,27 +99,34 @@ impl Bases {
     /// Values at places (u, v) of an output of `size` (height, width) of a single image: `[1, places,
     /// N + 1]`. Places count in pixels from the centre of the first.
     pub fn at_places(&self, size: (usize, usize), places: &[[f64; 2]]) -> Tensor<3> {
-        let device = self.seen.features.device();
-        let mut input = grid::sample_places(self.seen.features.clone(), size, places);
-        let logarithm = self.seen.logarithm.clone();
-        let logarithm = logarithm.map(|map| grid::sample_places(map, size, places));
-        let width = encoding::channels(self.head.octaves);
-        if width > 0 {
-            let codes = encoding::encode_places(size, places, self.head.octaves);
-            let codes = TensorData::new(codes, [places.len(), width]);
-            input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
-        }
-        self.hidden(input, logarithm, [1, places.len()]).functions()
+        let hidden = self.hidden(
+            [1, places.len()],
+            |map| grid::sample_places(map, size, places),
+            || encoding::encode_places(size, places, self.head.octaves),
+        );
+        hidden.functions()
     }
 
-    /// The MLP on rows of features and position.
+    /// The MLP where maps are read by `sample`, on their features and the codes of these positions.
     fn hidden(
         &self,
-        input: Tensor<2>,
-        logarithm: Option<Tensor<2>>,
         [batch, count]: [usize; 2],
+        sample: impl Fn(Tensor<4>) -> Tensor<2>,
+        codes: impl FnOnce() -> Vec<f32>,
     ) -> HiddenBases {
-        let hidden = self.head.forward(input);
+        let ExtractorOutput {
+            features,
+            logarithm,
+        } = self.extracted.clone();
+        let device = features.device();
+        let mut rows = sample(features);
+        let logarithm = logarithm.map(sample);
+        let width = encoding::channels(self.head.octaves);
+        if width > 0 {
+            let codes = TensorData::new(codes(), [batch * count, width]);
+            rows = Tensor::cat(vec![rows, Tensor::from_data(codes, &device)], 1);
+        }
+        let hidden = self.head.forward(rows);
         let width = hidden.dims()[1];
         HiddenBases {
             hidden: hidden.reshape([batch, count, width]),
@@ -141,7 +140,7 @@ impl Bases {
     /// Works on strips of rows, so memory does not grow with the output.
     pub fn combine(&self, size: (usize, usize), weights: &[f32]) -> Vec<f32> {
         const STRIP: usize = 1 << 15;
-        let device = self.seen.features.device();
+        let device = self.extracted.features.device();
         let column = TensorData::new(weights.to_vec(), [1, weights.len(), 1]);
         let column = Tensor::<3>::from_data(column, &device);
         let total = size.0 * size.1;
@@ -231,7 +230,7 @@ impl HiddenBases {
 
 /// A map from its logarithm.
 fn positive<const D: usize>(logarithm: Tensor<D>) -> Tensor<D> {
-    logarithm.clamp(-STEEPEST, STEEPEST).exp()
+    logarithm.clamp(-MAX_LOG_DEPTH, MAX_LOG_DEPTH).exp()
 }
 
 /// A map of depth at pixels of images of `size` (height, width), `[batch, pixels]`, from its logarithm `[batch, h, w, 1]`.

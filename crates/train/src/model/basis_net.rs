@@ -61,7 +61,7 @@ pub struct BasisNet {
 impl BasisNet {
     /// What the backbone's stages see in images `[batch, height, width, 3]`.
     #[cfg(test)]
-    pub(crate) fn seen_by_backbone(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
+    pub(crate) fn backbone_features(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
         let backbone = self.extractor.backbone.as_ref();
         backbone.map_or_else(Vec::new, |net| net.forward(images))
     }
@@ -83,7 +83,7 @@ impl BasisNet {
     }
 
     /// Computes the basis functions of normalised images `[batch, height, width, 3]`. `encoded [batch, rows, columns,
-    /// channels]` is what a pretrained encoder says of them, for networks trained on one.
+    /// channels]` are their features by a pretrained encoder, for networks trained on one.
     pub fn bases(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Bases {
         Bases::new(self.extractor.forward(images, encoded), self.head.clone())
     }
@@ -102,8 +102,8 @@ impl BasisNet {
     }
 
     /// How strongly each pixel of normalised images `[batch, height, width, 3]` is joined to its
-    /// right and lower neighbour, `[batch, height, width, 2]`, above 0: 1 where nothing tells them
-    /// apart.
+    /// right and lower neighbour, `[batch, height, width, 2]`, above 0: 1 where they do not
+    /// differ.
     pub fn affinities(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
         let edges = self.edges.as_ref();
         let changes = edges.map(|net| net.forward(images.clone(), encoded));

@@ -1,4 +1,4 @@
-//! A feature pyramid (Lin et al. 2017) on what a backbone sees, on burn's tensors.
+//! A feature pyramid (Lin et al. 2017) on the outputs of a backbone, on burn's tensors.
 
 use super::backbone::Backbone;
 use super::grid::enlarged;

@@ -22,10 +22,12 @@ pub(super) fn build(config: &ExtractorConfig, mean: bool, init: &mut Init) -> Ex
     let [first, second, third, fourth] = config.stages;
     let merged = second.width + fourth.width + config.pools.len() * config.branch + config.encoder;
     let before = std::iter::once(&fourth).chain(&config.context);
-    let context = before.zip(&config.context).map(|(before, &own)| Context {
-        blocks: stage(before.width, own, ConvSpec::halving(), plain, init),
-        project: Conv::zero(own.width, config.features, 1, ConvSpec::pointwise(), init),
-    });
+    let context = before
+        .zip(&config.context)
+        .map(|(before, &own)| ContextStage {
+            blocks: stage(before.width, own, ConvSpec::halving(), plain, init),
+            project: Conv::zero(own.width, config.features, 1, ConvSpec::pointwise(), init),
+        });
     let context = context.collect();
     let backbone = config.backbone.map(|own| Backbone::init(own, init));
     let decoder = config.backbone.zip(backbone.as_ref());
@@ -52,7 +54,7 @@ pub(super) fn build(config: &ExtractorConfig, mean: bool, init: &mut Init) -> Ex
             .iter()
             .map(|_| ConvNorm::init(fourth.width, config.branch, 1, ConvSpec::pointwise(), init))
             .collect(),
-        encoded: (config.encoder > 0).then(|| Encoded {
+        encoded: (config.encoder > 0).then(|| EncoderBranch {
             reduce: ConvNorm::init(
                 EncoderConfig::small().channels(),
                 config.encoder,
@@ -73,7 +75,7 @@ pub(super) fn build(config: &ExtractorConfig, mean: bool, init: &mut Init) -> Ex
         context,
         backbone,
         decoder,
-        sharpen: (config.sharpening > 0).then(|| Sharpen {
+        sharpen: (config.sharpening > 0).then(|| Sharpening {
             lateral: Conv::init(first.width, config.features, 1, ConvSpec::pointwise(), init),
             mix: (0..config.sharpening)
                 .map(|_| ConvNorm::init(config.features, config.features, 3, plain, init))
@@ -94,39 +96,39 @@ pub(super) fn build(config: &ExtractorConfig, mean: bool, init: &mut Init) -> Ex
 #[derive(Module, Debug)]
 pub struct Extractor {
     pub(super) stem: Vec<ConvNorm>,
-    pub(super) half: Vec<Block>,
-    pub(super) quarter: Vec<Block>,
-    pub(super) wide: Vec<Block>,
-    pub(super) dilated: Vec<Block>,
+    pub(super) half: Vec<ResidualBlock>,
+    pub(super) quarter: Vec<ResidualBlock>,
+    pub(super) wide: Vec<ResidualBlock>,
+    pub(super) dilated: Vec<ResidualBlock>,
     pub(super) branches: Vec<ConvNorm>,
-    pub(super) encoded: Option<Encoded>,
+    pub(super) encoded: Option<EncoderBranch>,
     pub(super) merge: ConvNorm,
     pub(super) project: Conv,
-    pub(super) context: Vec<Context>,
+    pub(super) context: Vec<ContextStage>,
     pub(super) backbone: Option<Backbone>,
     pub(super) decoder: Option<Decoder>,
-    pub(super) sharpen: Option<Sharpen>,
+    pub(super) sharpen: Option<Sharpening>,
     #[module(skip)]
     pub(super) pools: Vec<usize>,
 }
 
 /// The branch that reads the features of a pretrained encoder, at their resolution.
 #[derive(Module, Debug)]
-pub(super) struct Encoded {
+pub(super) struct EncoderBranch {
     pub(super) reduce: ConvNorm,
     pub(super) mix: ConvNorm,
 }
 
 /// A stage at a lower resolution, and what it adds to the features: nothing before training.
 #[derive(Module, Debug)]
-pub(super) struct Context {
-    pub(super) blocks: Vec<Block>,
+pub(super) struct ContextStage {
+    pub(super) blocks: Vec<ResidualBlock>,
     pub(super) project: Conv,
 }
 
 /// What is added to the features, enlarged to half the image's resolution: nothing before training.
 #[derive(Module, Debug)]
-pub(super) struct Sharpen {
+pub(super) struct Sharpening {
     /// From what the first stage saw at that resolution.
     pub(super) lateral: Conv,
     pub(super) mix: Vec<ConvNorm>,
@@ -161,10 +163,11 @@ impl Extractor {
     }
 
     /// Images `[batch, height, width, 3]` to features `[batch, ceil(height / 4), ceil(width / 4), channels]`, or at half the
-    /// resolution if they are sharpened. `encoded [batch, rows, columns, channels]` is what a pretrained
-    /// encoder says of the images, for networks trained on one.
+    /// resolution if they are sharpened. `encoded [batch, rows, columns, channels]` are the features of a
+    /// pretrained encoder, for networks trained on one.
     pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> ExtractorOutput {
-        let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
+        let run =
+            |x: Tensor<4>, blocks: &[ResidualBlock]| blocks.iter().fold(x, |x, b| b.forward(x));
         let decoded = self.decoded(images.clone());
         let x = self
             .stem
@@ -188,13 +191,13 @@ impl Extractor {
         let mut x = skip;
         for context in &self.context {
             x = run(x, &context.blocks);
-            let seen = context.project.forward(x.clone());
-            features = features + enlarged(seen, (height, width));
+            let change = context.project.forward(x.clone());
+            features = features + enlarged(change, (height, width));
         }
         let mut logarithm = None;
         if let (Some(decoder), Some(decoded)) = (&self.decoder, decoded) {
-            let seen = decoder.features.forward(decoded.clone());
-            features = features + enlarged(seen, (height, width));
+            let change = decoder.features.forward(decoded.clone());
+            features = features + enlarged(change, (height, width));
             let map = decoder.map.as_ref();
             logarithm = map.map(|layer| layer.forward(decoded));
         }
@@ -210,7 +213,7 @@ impl Extractor {
     }
 }
 
-impl Sharpen {
+impl Sharpening {
     fn forward(&self, features: Tensor<4>, half: Tensor<4>) -> Tensor<4> {
         let [_, height, width, _] = half.dims();
         let features = enlarged(features, (height, width));
@@ -222,13 +225,13 @@ impl Sharpen {
 
 /// PSMNet's residual block: two convolutions, no ReLU after the sum.
 #[derive(Module, Debug)]
-pub(super) struct Block {
+pub(super) struct ResidualBlock {
     pub(super) first: ConvNorm,
     pub(super) second: ConvNorm,
     pub(super) shortcut: Option<ConvNorm>,
 }
 
-impl Block {
+impl ResidualBlock {
     fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         let shortcut = match &self.shortcut {
             Some(conv) => conv.forward(x.clone()),
@@ -244,7 +247,7 @@ fn stage(
     first: ConvSpec,
     others: ConvSpec,
     init: &mut Init,
-) -> Vec<Block> {
+) -> Vec<ResidualBlock> {
     (0..config.blocks)
         .map(|i| {
             let (from, spec) = if i == 0 {
@@ -261,7 +264,7 @@ fn stage(
                 stride: spec.stride,
                 ..ConvSpec::pointwise()
             };
-            Block {
+            ResidualBlock {
                 first: ConvNorm::init(from, config.width, 3, spec, init),
                 second: ConvNorm::init(config.width, config.width, 3, inner, init),
                 shortcut: changes.then(|| ConvNorm::init(from, config.width, 1, shortcut, init)),

@@ -1,6 +1,6 @@
 //! Features read between pixel centres.
 
-use crate::ops::interpolate::{Cell, interpolate};
+use crate::ops::interpolate::{BilinearCell, interpolate};
 use burn::tensor::Tensor;
 use lsdc_core::bilinear::neighbours;
 
@@ -39,7 +39,7 @@ pub(super) fn enlarged(features: Tensor<4>, size: (usize, usize)) -> Tensor<4> {
     let [batch, h, w, channels] = features.dims();
     let (rows, columns) = (axis(size.0, h), axis(size.1, w));
     let along = |&row: &Between| columns.iter().map(move |&column| cell(w, row, column));
-    let cells: Vec<Cell> = rows.iter().flat_map(along).collect();
+    let cells: Vec<BilinearCell> = rows.iter().flat_map(along).collect();
     read(features, vec![cells; batch]).reshape([batch, size.0, size.1, channels])
 }
 
@@ -55,9 +55,9 @@ fn between(place: f64, from: usize, to: usize) -> Between {
 }
 
 /// A cell of a map of features of width `w`.
-fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> Cell {
+fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> BilinearCell {
     let row = |row: usize, column: usize| (row * w + column) as u32;
-    Cell {
+    BilinearCell {
         rows: [
             row(top, left),
             row(top, right),
@@ -69,7 +69,7 @@ fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> Cell 
 }
 
 /// Features `[images, h, w, channels]` at cells of each image.
-fn read(features: Tensor<4>, cells: Vec<Vec<Cell>>) -> Tensor<2> {
+fn read(features: Tensor<4>, cells: Vec<Vec<BilinearCell>>) -> Tensor<2> {
     let [images, h, w, channels] = features.dims();
     interpolate(features.reshape([images, h * w, channels]), cells)
 }

@@ -1,7 +1,7 @@
 //! The building blocks: convolution or linear map without bias, normalisation, ReLU.
 
 use crate::ops::conv::{ConvSpec, conv2d, linear};
-use crate::ops::conv_norm::{ConvNormSpec, Fixed, conv_norm, linear_norm};
+use crate::ops::conv_norm::{ConvNormSpec, FixedNorm, conv_norm, linear_norm};
 use crate::ops::norm::{NormSpec, moments, normalise};
 use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
 use burn::nn::{GroupNorm, GroupNormConfig};
@@ -68,7 +68,7 @@ impl BatchNorm {
     fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
         let fixed = self.fixed(&x.device());
         let own = fixed.is_none();
-        let Fixed {
+        let FixedNorm {
             gain,
             shift,
             mean,
@@ -77,7 +77,7 @@ impl BatchNorm {
             let (mean, variance) = moments(x.clone());
             self.follow(&self.running_mean, mean.clone());
             self.follow(&self.running_variance, variance.clone());
-            Fixed {
+            FixedNorm {
                 gain: self.gain.val(),
                 shift: self.shift.val(),
                 mean,
@@ -93,9 +93,9 @@ impl BatchNorm {
     }
 
     /// The normalisation by running statistics, unless the network trains with those of each batch.
-    fn fixed(&self, device: &Device) -> Option<Fixed> {
+    fn fixed(&self, device: &Device) -> Option<FixedNorm> {
         let own = device.is_autodiff() && self.training.is_enabled();
-        (!own).then(|| Fixed {
+        (!own).then(|| FixedNorm {
             gain: self.gain.val(),
             shift: self.shift.val(),
             mean: self.running_mean.value().to_device(device),
@@ -141,7 +141,7 @@ impl Norm {
     }
 
     /// What a batch normalisation does with fixed statistics, if this is one that has them.
-    fn fixed(&self, device: &Device) -> Option<Fixed> {
+    fn fixed(&self, device: &Device) -> Option<FixedNorm> {
         match self {
             Self::Batch(norm) => norm.fixed(device),
             Self::Group(_) => None,
@@ -178,18 +178,14 @@ impl Conv {
     pub fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
         let fan_out = if spec.depthwise { 1 } else { to };
         let deviation = (2.0 / (kernel * kernel * fan_out) as f32).sqrt();
-        Self {
-            weight: init.normal([to, from, kernel, kernel], deviation),
-            spec,
-        }
+        let weight = init.normal([to, from, kernel, kernel], deviation);
+        Self { weight, spec }
     }
 
     /// Yields 0 before any training.
     pub fn zero(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
-        Self {
-            weight: init.normal([to, from, kernel, kernel], 0.0),
-            spec,
-        }
+        let weight = init.normal([to, from, kernel, kernel], 0.0);
+        Self { weight, spec }
     }
 
     /// `[batch, height, width, from]` to `[batch, height', width', to]`.

@@ -1,5 +1,5 @@
 //! The network on burn's tensors, to be trained on every device: image to basis functions and
-//! affinities. Knows no file, no dataset, and never sees a sparse depth. Its sizes are those of
+//! affinities. It reads no file and no dataset, and never a sparse depth. Its sizes are those of
 //! `lsdc_core::network`, which prepares it for the CPU.
 
 mod adapters;
@@ -37,5 +37,5 @@ pub use parameters::parameter_count;
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
 pub use vision::{LastBlocks, VisionTransformer};
-pub(crate) use weights::fill;
+pub(crate) use weights::fill_part;
 pub use weights::{load, transfer, weights_of};

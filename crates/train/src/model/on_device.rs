@@ -3,7 +3,7 @@
 use super::{Bases, BasisNet, VisionTransformer};
 use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_core::network::{
-    Basis, Encoded, Encoder, Forward, MORE_BLOCKS, Network, PATCH, in_patches,
+    Basis, Encoder, FeatureMap, Forward, MORE_BLOCKS, Network, PATCH, in_patches,
 };
 use lsdc_core::{Error, Result, WeightsError};
 use std::sync::Arc;
@@ -69,8 +69,8 @@ impl OnDevice {
     }
 }
 
-/// What an encoder says of some images of one size, `[images, rows, columns, channels]`.
-pub fn encoded_tensor(images: &[&Encoded], device: &Device) -> Tensor<4> {
+/// The features of some images of one size, `[images, rows, columns, channels]`.
+pub fn encoded_tensor(images: &[&FeatureMap], device: &Device) -> Tensor<4> {
     let values: Vec<f32> = images
         .iter()
         .flat_map(|e| e.values.iter().copied())
@@ -81,9 +81,9 @@ pub fn encoded_tensor(images: &[&Encoded], device: &Device) -> Tensor<4> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// An image, and what the encoder says of it.
+/// An image with its features.
 #[derive(Debug)]
-struct OfImage {
+struct DeviceForward {
     net: BasisNet,
     image: Tensor<4>,
     encoded: Option<Tensor<4>>,
@@ -93,7 +93,7 @@ impl Network for OnDevice {
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
         let encoded = self.encoded(image, size)?;
         let image = TensorData::new(image.to_vec(), [1, size.0, size.1, 3]);
-        Ok(Box::new(OfImage {
+        Ok(Box::new(DeviceForward {
             net: self.net.clone(),
             image: Tensor::from_data(image, &self.device),
             encoded,
@@ -101,10 +101,10 @@ impl Network for OnDevice {
     }
 }
 
-impl Forward for OfImage {
+impl Forward for DeviceForward {
     fn basis(&self) -> Box<dyn Basis> {
         let bases = self.net.bases(self.image.clone(), self.encoded.clone());
-        Box::new(BasesOfImage(bases))
+        Box::new(DeviceBasis(bases))
     }
 
     fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
@@ -117,9 +117,9 @@ impl Forward for OfImage {
 }
 
 #[derive(Debug)]
-struct BasesOfImage(Bases);
+struct DeviceBasis(Bases);
 
-impl Basis for BasesOfImage {
+impl Basis for DeviceBasis {
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         if places.is_empty() {
             return Vec::new();

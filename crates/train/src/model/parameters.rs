@@ -2,35 +2,39 @@
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{DType, Tensor, TensorData};
-use lsdc_core::weights::is_statistic;
+use lsdc_core::weights::{Tensor as Table, is_statistic};
+use std::collections::BTreeMap;
 
 /// A tensor of a module and its path, such as `extractor.stem.0.conv.weight`.
-pub struct Named {
+pub struct NamedTensor {
     /// The path, its parts joined by dots.
     pub name: String,
     /// Its values.
     pub data: TensorData,
 }
 
-impl Named {
-    /// Whether this is a running statistic, not a trained parameter.
-    pub fn is_statistic(&self) -> bool {
-        is_statistic(&self.name)
-    }
-}
-
 /// All float tensors of a module.
-pub fn named<M: Module>(module: &M) -> Vec<Named> {
+pub fn named<M: Module>(module: &M) -> Vec<NamedTensor> {
     let mut collector = Collector::default();
     module.visit(&mut collector);
     collector.found
+}
+
+/// The same as weights files hold them.
+pub fn tables<M: Module>(module: &M) -> BTreeMap<String, Table> {
+    let tables = named(module).into_iter().filter_map(|tensor| {
+        let values = tensor.data.iter::<f32>().collect();
+        let table = Table::new(tensor.data.shape().to_vec(), values)?;
+        Some((tensor.name, table))
+    });
+    tables.collect()
 }
 
 /// The number of trained parameters: weights, gains and shifts, without running statistics.
 pub fn parameter_count<M: Module>(module: &M) -> usize {
     named(module)
         .into_iter()
-        .filter(|tensor| !tensor.is_statistic())
+        .filter(|tensor| !is_statistic(&tensor.name))
         .map(|tensor| tensor.data.num_elements())
         .sum()
 }
@@ -38,7 +42,7 @@ pub fn parameter_count<M: Module>(module: &M) -> usize {
 #[derive(Default)]
 struct Collector {
     path: Vec<String>,
-    found: Vec<Named>,
+    found: Vec<NamedTensor>,
 }
 
 impl ModuleVisitor for Collector {
@@ -51,7 +55,7 @@ impl ModuleVisitor for Collector {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.found.push(Named {
+        self.found.push(NamedTensor {
             name: self.path.join("."),
             data: param.val().into_data().convert_dtype(DType::F32),
         });

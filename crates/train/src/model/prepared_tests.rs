@@ -7,7 +7,7 @@ use super::{
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{ADAPTERS, Encoder, Forward, Network as _, Prepared};
+use lsdc_core::network::{ADAPTERS, CpuNetwork, Encoder, Forward, Network as _};
 use lsdc_core::network::{
     AdapterConfig, EncoderConfig, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
 };
@@ -100,7 +100,7 @@ impl Trained {
     fn prepared(&self, level: Level, size: (usize, usize)) -> Box<dyn Forward> {
         let weights = weights_of(&self.net, self.config.clone(), Normalisation::default());
         let network =
-            Prepared::new(&self.config, &weights.tensors, self.encoder.clone(), level).unwrap();
+            CpuNetwork::new(&self.config, &weights.tensors, self.encoder.clone(), level).unwrap();
         network.forward(&image(size.0, size.1), size).unwrap()
     }
 
@@ -187,7 +187,7 @@ impl ModuleMapper for Fill {
 #[test]
 fn the_prepared_network_agrees_at_every_size() {
     let trained = Trained::new(tiny());
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+    for level in Level::available() {
         for size in [(1, 1), (3, 5), (32, 32), (37, 61), (57, 130), (120, 160)] {
             trained.agrees(level, size, size);
         }
@@ -235,7 +235,7 @@ fn the_prepared_network_sharpens_as_the_plain_one_does() {
     let mut config = tiny();
     config.extractor.sharpening = 2;
     let trained = Trained::filled(config);
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+    for level in Level::available() {
         for size in [(1, 1), (3, 5), (37, 61), (57, 130)] {
             trained.agrees(level, size, size);
         }
@@ -250,7 +250,7 @@ fn the_prepared_network_adds_context_as_the_plain_one_does() {
     let stage = |width, blocks| StageConfig { width, blocks };
     config.extractor.context = vec![stage(24, 1), stage(40, 2)];
     let trained = Trained::filled(config);
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+    for level in Level::available() {
         for size in [(1, 1), (3, 5), (37, 61), (57, 130)] {
             trained.agrees(level, size, size);
         }
@@ -264,7 +264,7 @@ fn affinities_of_the_prepared_network_are_those_of_the_plain_one() {
         affinities: 8,
         ..tiny()
     });
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+    for level in Level::available() {
         for size in [(1, 1), (3, 5), (32, 32), (37, 61), (120, 77)] {
             trained.affinities_agree(level, size);
         }
@@ -299,7 +299,7 @@ fn group_normalisation_cannot_be_prepared() {
     };
     let net = config.init(0, &Device::flex()).unwrap();
     let weights = weights_of(&net, config.clone(), Normalisation::default());
-    let error = Prepared::new(&config, &weights.tensors, None, Level::here()).unwrap_err();
+    let error = CpuNetwork::new(&config, &weights.tensors, None, Level::here()).unwrap_err();
     assert!(error.to_string().contains("group normalisation"), "{error}");
 }
 
@@ -307,7 +307,7 @@ fn group_normalisation_cannot_be_prepared() {
 fn a_network_without_its_encoder_is_refused() {
     let config = NetworkConfig::anything();
     let weights = weights_of(&net(&config), config.clone(), Normalisation::default());
-    let error = Prepared::new(&config, &weights.tensors, None, Level::here()).unwrap_err();
+    let error = CpuNetwork::new(&config, &weights.tensors, None, Level::here()).unwrap_err();
     assert!(error.to_string().contains("encoder"), "{error}");
 }
 
@@ -356,7 +356,7 @@ fn a_network_with_adapters_agrees() {
     weights
         .tensors
         .retain(|name, _| !name.starts_with(ADAPTERS));
-    let network = Prepared::new(
+    let network = CpuNetwork::new(
         &without,
         &weights.tensors,
         trained.encoder.clone(),
@@ -382,7 +382,7 @@ fn untrained_adapters_change_no_bit() {
     let (image, size) = (image(57, 76), (57, 76));
     let values = |config: &NetworkConfig, tensors| {
         let encoder = Some(random_encoder());
-        let network = Prepared::new(config, tensors, encoder, Level::here()).unwrap();
+        let network = CpuNetwork::new(config, tensors, encoder, Level::here()).unwrap();
         let forward = network.forward(&image, size).unwrap();
         (
             forward.basis().at(size, &[[3.0, 4.0], [60.5, 30.25]]),
@@ -419,7 +419,7 @@ fn adapters_are_part_of_the_file() {
     let name = "adapters.blocks.1.values.up.weight";
     let refused = |weights: &Weights| {
         let encoder = Some(random_encoder());
-        let prepared = Prepared::new(&weights.network, &weights.tensors, encoder, Level::here());
+        let prepared = CpuNetwork::new(&weights.network, &weights.tensors, encoder, Level::here());
         let Err(Error::Weights(WeightsError::Tensor { name, reason })) = prepared else {
             panic!("not refused");
         };

@@ -1,7 +1,7 @@
 //! Weights between files and burn's tensors.
 
 use super::basis_net::{BasisNet, InitNetwork as _};
-use super::parameters::named;
+use super::parameters::tables;
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_core::network::NetworkConfig;
@@ -12,12 +12,7 @@ use std::collections::BTreeMap;
 
 /// Takes the weights out of a network.
 pub fn weights_of(net: &BasisNet, network: NetworkConfig, normalisation: Normalisation) -> Weights {
-    let tensors = named(net).into_iter().filter_map(|tensor| {
-        let shape = tensor.data.shape().to_vec();
-        let values = tensor.data.iter::<f32>().collect();
-        Some((tensor.name, Table::new(shape, values)?))
-    });
-    Weights::new(network, normalisation, tensors.collect())
+    Weights::new(network, normalisation, tables(net))
 }
 
 /// Builds the network and fills in the weights.
@@ -25,11 +20,7 @@ pub fn weights_of(net: &BasisNet, network: NetworkConfig, normalisation: Normali
 /// # Errors
 /// A tensor that is missing, superfluous or of another shape.
 pub fn load(weights: &Weights, device: &Device) -> Result<BasisNet> {
-    let net = weights.network.blank(device)?;
-    let mut filler = Filler::new(weights.tensors.clone());
-    let net = net.map(&mut filler);
-    filler.check()?;
-    Ok(net)
+    fill(weights.tensors.clone(), weights.network.blank(device)?)
 }
 
 /// Gives a network, which may be another one, the tensors that agree in name and shape; the
@@ -38,8 +29,7 @@ pub fn load(weights: &Weights, device: &Device) -> Result<BasisNet> {
 /// # Errors
 /// Not a single tensor agrees.
 pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
-    let mut filler = Filler::new(weights.tensors.clone());
-    let net = net.map(&mut filler);
+    let (net, filler) = Filler::apply(weights.tensors.clone(), net);
     if filler.filled == 0 {
         return Err(
             Error::weights("no tensor of the start weights fits the network")
@@ -49,24 +39,32 @@ pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
     Ok((net, filler.wrong.len()))
 }
 
-/// Gives a network these tensors; the others stay as they are.
+/// Gives a module all its tensors.
 ///
 /// # Errors
-/// A tensor that the network has not, or of another shape.
-pub fn fill(tensors: BTreeMap<String, Table>, net: BasisNet) -> Result<BasisNet> {
-    let mut filler = Filler::new(tensors);
-    let net = net.map(&mut filler);
-    let shape = |(_, what): &(String, String)| what != MISSING;
-    filler.wrong.retain(shape);
+/// A tensor that is missing, superfluous or of another shape.
+pub fn fill<M: Module>(tensors: BTreeMap<String, Table>, module: M) -> Result<M> {
+    let (module, filler) = Filler::apply(tensors, module);
     filler.check()?;
-    Ok(net)
+    Ok(module)
+}
+
+/// Gives a module these tensors; the others stay as they are.
+///
+/// # Errors
+/// A tensor that the module has not, or of another shape.
+pub fn fill_part<M: Module>(tensors: BTreeMap<String, Table>, module: M) -> Result<M> {
+    let (module, mut filler) = Filler::apply(tensors, module);
+    filler.wrong.retain(|(_, reason)| reason != MISSING);
+    filler.check()?;
+    Ok(module)
 }
 
 /// What is wrong with a tensor that is not there.
 const MISSING: &str = "is missing";
 
 /// Gives a module the tensors that agree in name and shape.
-pub struct Filler {
+struct Filler {
     tensors: BTreeMap<String, Table>,
     path: Vec<String>,
     filled: usize,
@@ -74,21 +72,18 @@ pub struct Filler {
 }
 
 impl Filler {
-    /// Has these tensors to give, by their paths.
-    pub fn new(tensors: BTreeMap<String, Table>) -> Self {
-        Self {
+    fn apply<M: Module>(tensors: BTreeMap<String, Table>, module: M) -> (M, Self) {
+        let mut filler = Self {
             tensors,
             path: Vec::new(),
             filled: 0,
             wrong: Vec::new(),
-        }
+        };
+        (module.map(&mut filler), filler)
     }
 
     /// Checks that each tensor of the module was there, and no other.
-    ///
-    /// # Errors
-    /// The first tensor that is missing, superfluous or of another shape.
-    pub fn check(self) -> Result<()> {
+    fn check(self) -> Result<()> {
         let superfluous = self.tensors.keys().min();
         let superfluous = superfluous.map(|name| (name.clone(), "is superfluous".to_owned()));
         match self.wrong.into_iter().next().or(superfluous) {
@@ -96,30 +91,6 @@ impl Filler {
             Some((name, reason)) => Err(WeightsError::Tensor { name, reason }.into()),
         }
     }
-}
-
-/// The values of a table for a parameter, or what is wrong with its shape.
-///
-/// # Errors
-/// Another shape, in words.
-pub fn fits<const D: usize>(
-    param: &Param<Tensor<D>>,
-    table: &Table,
-) -> std::result::Result<TensorData, String> {
-    let (found, shape) = (table.shape(), param.val().dims());
-    if found == shape {
-        Ok(TensorData::new(table.values().to_vec(), shape))
-    } else {
-        Err(format!("has shape {found:?}, expected {shape:?}"))
-    }
-}
-
-/// A parameter with other values, learned if it was.
-pub fn with_values<const D: usize>(param: Param<Tensor<D>>, data: TensorData) -> Param<Tensor<D>> {
-    let learned = param.is_require_grad();
-    param
-        .map(|tensor| Tensor::from_data(data, &tensor.device()))
-        .set_require_grad(learned)
 }
 
 impl ModuleMapper for Filler {
@@ -133,20 +104,22 @@ impl ModuleMapper for Filler {
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let name = self.path.join(".");
-        match self.tensors.remove(&name).map(|table| fits(&param, &table)) {
-            Some(Ok(data)) => {
+        let wrong = match self.tensors.remove(&name) {
+            None => MISSING.to_owned(),
+            Some(table) if table.shape() != param.val().dims() => {
+                let (found, expected) = (table.shape(), param.val().dims());
+                format!("has shape {found:?}, expected {expected:?}")
+            }
+            Some(table) => {
                 self.filled += 1;
-                with_values(param, data)
+                let learned = param.is_require_grad();
+                let data = TensorData::new(table.values().to_vec(), table.shape().to_vec());
+                let param = param.map(|tensor| Tensor::from_data(data, &tensor.device()));
+                return param.set_require_grad(learned);
             }
-            Some(Err(what)) => {
-                self.wrong.push((name, what));
-                param
-            }
-            None => {
-                self.wrong.push((name, MISSING.to_owned()));
-                param
-            }
-        }
+        };
+        self.wrong.push((name, wrong));
+        param
     }
 }
 

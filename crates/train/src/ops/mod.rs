@@ -1,10 +1,12 @@
 //! Differentiable operations on tensors of any backend: burn extensions on top of the kernels and fits
 //! that completion uses too.
 
+mod autodiff;
 pub mod conv;
 pub mod conv_norm;
 #[cfg(feature = "wgpu")]
 mod gpu;
+mod host;
 pub mod interpolate;
 mod joint;
 mod lstsq;
@@ -12,6 +14,51 @@ pub mod norm;
 pub mod propagate;
 mod reweighted;
 
-pub use joint::{JointBackend, JointFit, Problems, joint};
-pub use lstsq::{Factored, LstsqBackend, lstsq};
+pub use joint::{JointBackend, JointFit, JointGradients, Problems, joint};
+pub use lstsq::{Factored, LstsqBackend, LstsqGradients, lstsq};
 pub use reweighted::{Reweighting, RobustGradient, reweighted};
+
+/// Implements operations for a backend by their defaults.
+macro_rules! by_default {
+    ($backend:ty: $($operation:path),+ $(,)?) => {
+        $(impl $operation for $backend {})+
+    };
+}
+
+by_default!(
+    burn::backend::Flex:
+    joint::JointBackend,
+    joint::JointGradients,
+    lstsq::LstsqBackend,
+    lstsq::LstsqGradients,
+);
+
+#[cfg(feature = "ndarray")]
+by_default!(
+    burn_ndarray::NdArray:
+    conv::ConvBackend,
+    conv::ConvGradients,
+    conv_norm::ConvNormBackend,
+    conv_norm::ConvNormGradients,
+    interpolate::InterpolateBackend,
+    interpolate::InterpolateGradients,
+    joint::JointBackend,
+    joint::JointGradients,
+    lstsq::LstsqBackend,
+    lstsq::LstsqGradients,
+    norm::NormBackend,
+    norm::NormGradients,
+    propagate::PropagateBackend,
+    propagate::PropagateGradients,
+);
+
+#[cfg(feature = "wgpu")]
+by_default!(
+    burn_cubecl::CubeBackend:
+    conv_norm::ConvNormBackend,
+    conv_norm::ConvNormGradients,
+    joint::JointBackend,
+    joint::JointGradients,
+    propagate::PropagateBackend,
+    propagate::PropagateGradients,
+);

@@ -2,8 +2,7 @@
 
 use crate::model::{AnyEncoder, LastBlocks, VisionTransformer};
 use burn::tensor::Device;
-use lsdc_core::network::EncoderConfig;
-use lsdc_core::network::NetworkConfig;
+use lsdc_core::network::{AdapterConfig, EncoderConfig, NetworkConfig};
 use lsdc_files::error::Result;
 use lsdc_weights::{encoder_of, installed};
 use std::sync::Arc;
@@ -31,15 +30,9 @@ pub fn first_adapted(network: &NetworkConfig) -> Option<usize> {
 /// # Errors
 /// An encoder that has not been added, or is damaged.
 pub fn adapted_blocks(network: &NetworkConfig, device: &Device) -> Result<Option<LastBlocks>> {
-    let Some(adapters) = network.adapters else {
-        return Ok(None);
+    let blocks = |adapters: AdapterConfig| -> Result<LastBlocks> {
+        let (config, tensors) = (EncoderConfig::small(), installed()?);
+        Ok(LastBlocks::new(&config, adapters.blocks, &tensors, device)?)
     };
-    let tensors = installed()?;
-    let config = EncoderConfig::small();
-    Ok(Some(LastBlocks::new(
-        &config,
-        adapters.blocks,
-        &tensors,
-        device,
-    )?))
+    network.adapters.map(blocks).transpose()
 }

@@ -10,7 +10,7 @@ use crate::model::{OnDevice, load};
 use lsdc_core::network::NormKind;
 use lsdc_core::{Completer, Weights};
 use lsdc_files::error::Result;
-use lsdc_weights::{are_none, open_weights, weights_fit};
+use lsdc_weights::{names_no_network, open_weights, weights_fit};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use std::sync::Arc;
 /// # Errors
 /// A file that cannot be read or is no weights file.
 pub fn open_completer(weights: Option<&Path>, device: &Device) -> Result<Completer> {
-    if are_none(weights) {
+    if names_no_network(weights) {
         return Ok(Completer::without_network(weights_fit(weights)?)?);
     }
     completer(&open_weights(weights)?, device)

@@ -5,7 +5,8 @@ use super::{EncoderOutput, Sample};
 use crate::model::encoded_tensor;
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
-use lsdc_core::network::Encoded;
+use lsdc_core::network::FeatureMap;
+use lsdc_core::weights::Normalisation;
 use lsdc_files::error::{Error, Result};
 
 /// A batch of equally large samples on a device.
@@ -13,10 +14,10 @@ use lsdc_files::error::{Error, Result};
 pub struct Batch {
     /// Normalised colours `[batch, height, width, 3]`.
     pub images: Tensor<4>,
-    /// What a pretrained encoder says of the images, `[batch, rows, columns, channels]`.
+    /// Features of a pretrained encoder, `[batch, rows, columns, channels]`.
     pub encoded: Option<Tensor<4>>,
     /// The tokens that enter the first block of the encoder that is trained, `[batch, 1 + rows x columns, width]`.
-    pub entering: Option<Tensor<3>>,
+    pub tokens: Option<Tensor<3>>,
     /// Rows and columns of the images.
     pub size: (usize, usize),
     /// Pixels at which basis functions are needed, for each image.
@@ -42,12 +43,7 @@ impl Batch {
     ///
     /// # Errors
     /// No sample, or samples of different sizes.
-    pub fn new(
-        samples: &[Sample],
-        mean: [f32; 3],
-        deviation: [f32; 3],
-        device: &Device,
-    ) -> Result<Self> {
+    pub fn new(samples: &[Sample], normalisation: Normalisation, device: &Device) -> Result<Self> {
         let first = samples
             .first()
             .ok_or_else(|| Error::shape("a batch needs a sample"))?;
@@ -61,9 +57,11 @@ impl Batch {
                 .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
         }
         let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
-        let said: Option<Vec<&EncoderOutput>> = samples.iter().map(|s| s.said.as_ref()).collect();
-        let encoded = said.as_ref().map(|said| {
-            let features: Vec<&Encoded> = said.iter().map(|said| &said.features).collect();
+        let outputs: Option<Vec<&EncoderOutput>> =
+            samples.iter().map(|s| s.encoded.as_ref()).collect();
+        let encoded = outputs.as_ref().map(|outputs| {
+            let features: Vec<&FeatureMap> =
+                outputs.iter().map(|output| &output.features).collect();
             encoded_tensor(&features, device)
         });
         let all = |of: fn(&Sample) -> &Vec<f32>| -> Vec<f32> {
@@ -73,14 +71,9 @@ impl Batch {
             .flat_map(|d| samples.iter().flat_map(move |s| s.draws[d].iter().copied()))
             .collect();
         let (height, width) = (first.rgb.height() as usize, first.rgb.width() as usize);
-        let whole = |values: Vec<f32>| {
-            Tensor::from_data(
-                TensorData::new(values, [samples.len(), height, width]),
-                device,
-            )
-        };
-        let taught = samples.iter().any(|s| s.weights.is_some());
-        let weights = taught.then(|| {
+        let whole = |values: Vec<f32>| tensor(values, [samples.len(), height, width], device);
+        let weighted = samples.iter().any(|s| s.weights.is_some());
+        let weights = weighted.then(|| {
             let weights = samples.iter().flat_map(|s| match &s.weights {
                 Some(weights) => weights.clone(),
                 None => vec![1.0; s.map.len()],
@@ -88,35 +81,35 @@ impl Batch {
             whole(weights.collect())
         });
         Ok(Self {
-            measured: matrix(all(|s| &s.measured), [samples.len(), points], device),
+            measured: tensor(all(|s| &s.measured), [samples.len(), points], device),
             maps: whole(all(|s| &s.map)),
             weights,
-            images: image_tensor(&images, mean, deviation, device)?,
+            images: image_tensor(&images, normalisation, device)?,
             encoded,
-            entering: said.and_then(|said| entering(&said, device)),
+            tokens: outputs.and_then(|outputs| tokens(&outputs, device)),
             size: (height, width),
             pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
-            depths: matrix(all(|s| &s.depths), [samples.len(), pixels], device),
+            depths: tensor(all(|s| &s.depths), [samples.len(), pixels], device),
             points,
-            draws: matrix(masks, [draws * samples.len(), points], device),
+            draws: tensor(masks, [draws * samples.len(), points], device),
             patch: first.patch,
         })
     }
 }
 
 /// The tokens that enter the first block that is trained, if each sample has them.
-fn entering(said: &[&EncoderOutput], device: &Device) -> Option<Tensor<3>> {
-    let tokens: Vec<&[f32]> = said
+fn tokens(outputs: &[&EncoderOutput], device: &Device) -> Option<Tensor<3>> {
+    let tokens: Vec<&[f32]> = outputs
         .iter()
-        .map(|said| said.entering.as_deref())
+        .map(|output| output.tokens.as_deref())
         .collect::<Option<_>>()?;
-    let features = &said.first()?.features;
+    let features = &outputs.first()?.features;
     let count = 1 + features.rows * features.columns;
     let values = tokens.concat();
-    let shape = [said.len(), count, values.len() / (said.len() * count)];
-    Some(Tensor::from_data(TensorData::new(values, shape), device))
+    let shape = [outputs.len(), count, values.len() / (outputs.len() * count)];
+    Some(tensor(values, shape, device))
 }
 
-fn matrix(values: Vec<f32>, shape: [usize; 2], device: &Device) -> Tensor<2> {
+fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }

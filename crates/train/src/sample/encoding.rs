@@ -1,8 +1,8 @@
-//! What a pretrained encoder says of training images: computed once, then kept in files.
+//! Features of a pretrained encoder for training images: computed once, then cached in files.
 
 use super::{F16Cache, image_values};
 use image::RgbImage;
-use lsdc_core::network::{Encoded, Encoder, EncoderConfig};
+use lsdc_core::network::{Encoder, EncoderConfig, FeatureMap};
 use lsdc_core::weights::Normalisation;
 use lsdc_files::error::Result;
 use lsdc_rng::hash;
@@ -15,22 +15,22 @@ use std::sync::Arc;
 pub struct Encoding {
     encoder: Arc<Encoder>,
     normalisation: Normalisation,
-    kept: F16Cache,
+    cache: F16Cache,
     /// The first block that is trained, if any is.
     trained: Option<usize>,
 }
 
-/// What an encoder says of an image, rounded to half precision, in which it is kept.
+/// The output of an encoder for an image, rounded to half precision, in which it is cached.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncoderOutput {
     /// The features.
-    pub features: Encoded,
+    pub features: FeatureMap,
     /// The tokens that enter the first block that is trained, `[1 + rows x columns, width]`; nothing if none is.
-    pub entering: Option<Vec<f32>>,
+    pub tokens: Option<Vec<f32>>,
 }
 
 impl Encoding {
-    /// Keeps what is found in files of `folder`, if one is given: 2.4 MB for an image of aspect 4:3.
+    /// Caches features in files of `folder`, if one is given: 2.4 MB for an image of aspect 4:3.
     pub fn new(
         encoder: Arc<Encoder>,
         normalisation: Normalisation,
@@ -39,52 +39,47 @@ impl Encoding {
         Self {
             encoder,
             normalisation,
-            kept: F16Cache::new(folder),
+            cache: F16Cache::new(folder),
             trained: None,
         }
     }
 
-    /// Tells the tokens that enter a block too, and keeps them in files of their own: another 0.6 MB.
+    /// Returns the tokens that enter a block too, and caches them in files of their own: another 0.6 MB.
     #[must_use]
-    pub fn entering(self, block: Option<usize>) -> Self {
+    pub fn tokens_before(self, block: Option<usize>) -> Self {
         Self {
             trained: block,
             ..self
         }
     }
 
-    /// What is said of an image.
+    /// Encodes an image, or reads what was cached of it.
     ///
     /// # Errors
     /// A file that cannot be written, an image without pixels, or a block that the encoder does not have.
     pub fn of(&self, rgb: &RgbImage) -> Result<EncoderOutput> {
         let size = (rgb.height() as usize, rgb.width() as usize);
-        let (rows, columns) = Encoded::size(size);
+        let (rows, columns) = FeatureMap::size(size);
         let EncoderConfig { width, .. } = *self.encoder.config();
-        let image = || {
-            let Normalisation {
-                mean, deviation, ..
-            } = self.normalisation;
-            image_values(rgb, mean, deviation)
-        };
+        let image = || image_values(rgb, self.normalisation);
         let length = rows * columns * self.encoder.config().channels();
-        let values = self.kept.get(self.key(rgb, &[]), length, || {
+        let values = self.cache.get(self.key(rgb, &[]), length, || {
             Ok(self.encoder.encode(&image(), size)?.values)
         })?;
-        let entering = |block: usize| {
+        let tokens = |block: usize| {
             // Of another kind than the features, so under another key.
             let key = self.key(rgb, format!("entering block {block}").as_bytes());
-            self.kept.get(key, (1 + rows * columns) * width, || {
+            self.cache.get(key, (1 + rows * columns) * width, || {
                 Ok(self.encoder.encode_before(&image(), size, block)?)
             })
         };
         Ok(EncoderOutput {
-            features: Encoded {
+            features: FeatureMap {
                 rows,
                 columns,
                 values,
             },
-            entering: self.trained.map(entering).transpose()?,
+            tokens: self.trained.map(tokens).transpose()?,
         })
     }
 
@@ -117,14 +112,14 @@ mod tests {
         let encoding = |folder: Option<PathBuf>| {
             Encoding::new(random_encoder(), Normalisation::default(), folder)
         };
-        let kept = encoding(Some(folder.path().join("features")));
+        let cached = encoding(Some(folder.path().join("features")));
         let rgb = RgbImage::from_fn(40, 30, |x, y| Rgb([(x * 6) as u8, (y * 8) as u8, 90]));
         let files = || -> Vec<PathBuf> {
             let entries = std::fs::read_dir(folder.path().join("features")).unwrap();
             entries.map(|entry| entry.unwrap().path()).collect()
         };
         let plain = encoding(None).of(&rgb).unwrap();
-        assert_eq!(kept.of(&rgb).unwrap(), plain);
+        assert_eq!(cached.of(&rgb).unwrap(), plain);
         // Read, not computed: another sound file in its place is believed.
         let [file] = &files()[..] else {
             panic!("{:?}", files());
@@ -135,15 +130,15 @@ mod tests {
         let seal = hash(&[&bytes[..contents]]).to_le_bytes();
         bytes[contents..].copy_from_slice(&seal);
         std::fs::write(file, &bytes).unwrap();
-        assert_eq!(kept.of(&rgb).unwrap().features.values[0], 7.0);
+        assert_eq!(cached.of(&rgb).unwrap().features.values[0], 7.0);
         bytes[4] ^= 1;
         std::fs::write(file, &bytes).unwrap();
-        assert_eq!(kept.of(&rgb).unwrap(), plain);
+        assert_eq!(cached.of(&rgb).unwrap(), plain);
         std::fs::write(file, [1, 2]).unwrap();
-        assert_eq!(kept.of(&rgb).unwrap(), plain);
+        assert_eq!(cached.of(&rgb).unwrap(), plain);
         // Another image has another file.
         let other = RgbImage::from_fn(40, 30, |x, _| Rgb([x as u8; 3]));
-        assert_ne!(kept.of(&other).unwrap(), plain);
+        assert_ne!(cached.of(&other).unwrap(), plain);
         assert_eq!(files().len(), 2);
     }
 
@@ -152,25 +147,22 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let encoding = |block: Option<usize>| {
             let folder = Some(folder.path().to_owned());
-            Encoding::new(random_encoder(), Normalisation::default(), folder).entering(block)
+            Encoding::new(random_encoder(), Normalisation::default(), folder).tokens_before(block)
         };
         let rgb = RgbImage::from_fn(40, 30, |x, y| Rgb([(x * 6) as u8, (y * 8) as u8, 90]));
         let files = || std::fs::read_dir(folder.path()).unwrap().count();
         let plain = encoding(None).of(&rgb).unwrap();
-        assert_eq!((plain.entering.as_ref(), files()), (None, 1));
+        assert_eq!((plain.tokens.as_ref(), files()), (None, 1));
         // The features are those that were kept without them.
         let second = encoding(Some(2)).of(&rgb).unwrap();
         assert_eq!((&second.features, files()), (&plain.features, 2));
         assert_eq!(encoding(Some(2)).of(&rgb).unwrap(), second);
         // They say what enters the block, but for rounding.
-        let Normalisation {
-            mean, deviation, ..
-        } = Normalisation::default();
-        let values = image_values(&rgb, mean, deviation);
+        let values = image_values(&rgb, Normalisation::default());
         let exact = random_encoder()
             .encode_before(&values, (30, 40), 2)
             .unwrap();
-        let tokens = second.entering.unwrap();
+        let tokens = second.tokens.unwrap();
         assert_eq!(tokens.len(), exact.len());
         for (found, exact) in tokens.iter().zip(&exact) {
             assert!((found - exact).abs() < 1e-3 * exact.abs() + 1e-4);
@@ -178,7 +170,7 @@ mod tests {
         // Those of another block are others.
         let third = encoding(Some(3)).of(&rgb).unwrap();
         assert_eq!(files(), 3);
-        assert_ne!(third.entering, Some(tokens));
+        assert_ne!(third.tokens, Some(tokens));
         assert!(encoding(Some(4)).of(&rgb).is_err());
     }
 }

@@ -76,9 +76,9 @@ mod tests {
     #[test]
     fn numbers_are_kept_in_files_and_damaged_files_replaced() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = F16Cache::new(Some(folder.path().join("numbers")));
+        let cache = F16Cache::new(Some(folder.path().join("numbers")));
         // Rounded to 11 bits, whether computed or read.
-        let get = |value: f32| kept.get(7, 2, || Ok(vec![value, 0.1])).unwrap();
+        let get = |value: f32| cache.get(7, 2, || Ok(vec![value, 0.1])).unwrap();
         assert_eq!(get(2049.0), [2048.0, 0.099_975_586]);
         assert_eq!(get(5.0), [2048.0, 0.099_975_586]);
         let file = folder.path().join("numbers/0000000000000007.f16");
@@ -89,13 +89,13 @@ mod tests {
         std::fs::write(&file, [1, 2]).unwrap();
         assert_eq!(get(6.0)[0], 6.0);
         // Under the same key, but not as many.
-        assert_eq!(kept.get(7, 1, || Ok(vec![8.0])).unwrap(), [8.0]);
-        assert_eq!(kept.get(8, 1, || Ok(vec![9.0])).unwrap(), [9.0]);
+        assert_eq!(cache.get(7, 1, || Ok(vec![8.0])).unwrap(), [8.0]);
+        assert_eq!(cache.get(8, 1, || Ok(vec![9.0])).unwrap(), [9.0]);
         assert_eq!(
             F16Cache::new(None).get(8, 1, || Ok(vec![3.0])).unwrap(),
             [3.0]
         );
-        let failed = kept.get(9, 1, || Err(Error::config("no")));
+        let failed = cache.get(9, 1, || Err(Error::config("no")));
         assert!(failed.is_err());
     }
 }

@@ -2,6 +2,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
+use lsdc_core::weights::Normalisation;
 use lsdc_files::error::{Error, Result};
 
 /// Images to `[batch, height, width, 3]`; colours become (value / 255 - mean) / deviation.
@@ -10,8 +11,7 @@ use lsdc_files::error::{Error, Result};
 /// No image, or images of different sizes.
 pub fn image_tensor(
     images: &[&RgbImage],
-    mean: [f32; 3],
-    deviation: [f32; 3],
+    normalisation: Normalisation,
     device: &Device,
 ) -> Result<Tensor<4>> {
     let first = images
@@ -24,14 +24,17 @@ pub fn image_tensor(
     let (width, height) = (width as usize, height as usize);
     let values = images
         .iter()
-        .flat_map(|image| image_values(image, mean, deviation))
+        .flat_map(|image| image_values(image, normalisation))
         .collect();
     let shape = [images.len(), height, width, 3];
     Ok(Tensor::from_data(TensorData::new(values, shape), device))
 }
 
 /// One image as `[height, width, 3]`; colours become (value / 255 - mean) / deviation.
-pub fn image_values(image: &RgbImage, mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
+pub fn image_values(image: &RgbImage, normalisation: Normalisation) -> Vec<f32> {
+    let Normalisation {
+        mean, deviation, ..
+    } = normalisation;
     let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
         std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])
     });

@@ -35,7 +35,7 @@ pub struct Sampler {
     order: Order,
     config: SamplerConfig,
     encoding: Option<Encoding>,
-    kept: Arc<FrameCache>,
+    cache: Arc<FrameCache>,
 }
 
 impl Sampler {
@@ -59,7 +59,7 @@ impl Sampler {
             order,
             config,
             encoding: None,
-            kept: Arc::default(),
+            cache: Arc::default(),
         })
     }
 
@@ -87,7 +87,7 @@ impl Sampler {
                 };
                 let encoding = self.encoding.as_ref();
                 Ok(Sample {
-                    said: encoding.map(|e| e.of(&frame.rgb)).transpose()?,
+                    encoded: encoding.map(|e| e.of(&frame.rgb)).transpose()?,
                     ..Sample::draw(&frame, &config.supervision, &mut rng)
                 })
             })
@@ -106,8 +106,8 @@ impl Sampler {
             .collect()
     }
 
-    /// Computes what is kept in files of the frame at `index` of the dataset: what a teacher says of it, what an
-    /// encoder says of its views.
+    /// Computes what is kept in files of the frame at `index` of the dataset: the predictions of a teacher, and
+    /// the features of its views.
     ///
     /// # Errors
     /// The frame cannot be read, or a file cannot be written.
@@ -137,7 +137,7 @@ impl Sampler {
 
     /// A frame as the protocol scales it.
     fn scaled(&self, index: usize) -> Result<Arc<Frame>> {
-        if let Some(frame) = self.kept.find(index) {
+        if let Some(frame) = self.cache.get(index) {
             return Ok(frame);
         }
         let frame = self.config.protocol.scale(&self.frames.load(index)?)?;
@@ -149,7 +149,7 @@ impl Sampler {
             rings,
             ..frame
         });
-        self.kept.keep(index, &frame);
+        self.cache.insert(index, &frame);
         Ok(frame)
     }
 }
@@ -162,19 +162,19 @@ impl FrameCache {
     /// Bytes in all: 1,900 frames of 240x320.
     const MOST: usize = 1 << 30;
 
-    fn find(&self, index: usize) -> Option<Arc<Frame>> {
+    fn get(&self, index: usize) -> Option<Arc<Frame>> {
         self.0.lock().ok()?.0.get(&index).cloned()
     }
 
-    fn keep(&self, index: usize, frame: &Arc<Frame>) {
+    fn insert(&self, index: usize, frame: &Arc<Frame>) {
         let maps = if frame.target.is_some() { 3 } else { 1 };
         let bytes = frame.rgb.as_raw().len() + maps * size_of_val(frame.depth.values());
         // A poisoned lock costs time, nothing else.
-        if let Ok(mut kept) = self.0.lock()
-            && kept.1 + bytes <= Self::MOST
-            && kept.0.insert(index, frame.clone()).is_none()
+        if let Ok(mut frames) = self.0.lock()
+            && frames.1 + bytes <= Self::MOST
+            && frames.0.insert(index, frame.clone()).is_none()
         {
-            kept.1 += bytes;
+            frames.1 += bytes;
         }
     }
 }
@@ -238,8 +238,8 @@ mod tests {
     struct Counted(Rooms, AtomicUsize);
 
     impl Dataset for Counted {
-        fn about(&self) -> String {
-            self.0.about()
+        fn description(&self) -> String {
+            self.0.description()
         }
 
         fn len(&self) -> usize {

@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// as many of each part as its share demands: every frame of a part comes once before any of it comes again.
 #[derive(Clone, Debug)]
 pub struct Order {
-    parts: Arc<[Part]>,
-    kept: Arc<Mutex<VecDeque<Epoch>>>,
+    parts: Arc<[DatasetShare]>,
+    cache: Arc<Mutex<VecDeque<Epoch>>>,
 }
 
 /// The frames of an epoch in their order, and how often each came before.
@@ -22,7 +22,7 @@ struct Epoch {
 }
 
 #[derive(Debug)]
-struct Part {
+struct DatasetShare {
     frames: Vec<usize>,
     /// The number of frames in an epoch.
     count: usize,
@@ -32,7 +32,7 @@ impl From<Vec<usize>> for Order {
     /// Every frame once in an epoch.
     fn from(frames: Vec<usize>) -> Self {
         let count = frames.len();
-        Self::of([Part { frames, count }].into())
+        Self::of([DatasetShare { frames, count }].into())
     }
 }
 
@@ -43,26 +43,26 @@ impl Order {
     /// Shares that are not above 0 or leave nothing to the parts without one, or a part without a frame.
     pub fn new(parts: Vec<(Vec<usize>, Option<f64>)>) -> Result<Self> {
         let shares: f64 = parts.iter().filter_map(|(_, share)| *share).sum();
-        let once = parts.iter().filter(|(_, share)| share.is_none());
-        let once: usize = once.map(|(frames, _)| frames.len()).sum();
+        let unshared = parts.iter().filter(|(_, share)| share.is_none());
+        let unshared: usize = unshared.map(|(frames, _)| frames.len()).sum();
         let positive = parts.iter().all(|(_, share)| share.is_none_or(|s| s > 0.0));
         if !positive || shares >= 1.0 || parts.iter().any(|(frames, _)| frames.is_empty()) {
             return Err(Error::config(
                 "the shares of datasets must be above 0 and add up to less than 1, and none may be empty",
             ));
         }
-        let epoch = once as f64 / (1.0 - shares);
-        let parts = parts.into_iter().map(|(frames, share)| Part {
+        let epoch = unshared as f64 / (1.0 - shares);
+        let parts = parts.into_iter().map(|(frames, share)| DatasetShare {
             count: share.map_or(frames.len(), |s| ((s * epoch).round() as usize).max(1)),
             frames,
         });
         Ok(Self::of(parts.collect()))
     }
 
-    fn of(parts: Arc<[Part]>) -> Self {
+    fn of(parts: Arc<[DatasetShare]>) -> Self {
         Self {
             parts,
-            kept: Arc::default(),
+            cache: Arc::default(),
         }
     }
 
@@ -86,9 +86,9 @@ impl Order {
 
     /// The frames of an epoch, shuffled once for all that ask: at the end of an epoch, some threads are in the next.
     fn of_epoch(&self, number: usize, seed: u64) -> Arc<[(usize, usize)]> {
-        const KEPT: usize = 2;
+        const CACHED: usize = 2;
         let same = |epoch: &&Epoch| (epoch.number, epoch.seed) == (number, seed);
-        if let Some(epoch) = self.kept().iter().find(same) {
+        if let Some(epoch) = self.cached().iter().find(same) {
             return epoch.frames.clone();
         }
         let parts = self.parts.iter().enumerate();
@@ -97,22 +97,22 @@ impl Order {
         let count = all.len();
         Rng::stream(seed, &["order", &number.to_string()]).choose(&mut all, count);
         let frames: Arc<[(usize, usize)]> = all.into();
-        let mut kept = self.kept();
-        kept.push_front(Epoch {
+        let mut cached = self.cached();
+        cached.push_front(Epoch {
             number,
             seed,
             frames: frames.clone(),
         });
-        kept.truncate(KEPT);
+        cached.truncate(CACHED);
         frames
     }
 
-    fn kept(&self) -> MutexGuard<'_, VecDeque<Epoch>> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    fn cached(&self) -> MutexGuard<'_, VecDeque<Epoch>> {
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Part {
+impl DatasetShare {
     /// The frames of an epoch, and how often each came before.
     fn of_epoch(&self, epoch: usize, number: usize, seed: u64) -> Vec<(usize, usize)> {
         let length = self.frames.len();
@@ -192,7 +192,7 @@ mod tests {
             [40, 3, 22, 4, 41].map(|at| order().at(at, seed))
         };
         assert_eq!((jumps(1), jumps(2)), (fresh(1), fresh(2)));
-        assert_eq!(order.kept().len(), 2);
+        assert_eq!(order.cached().len(), 2);
         let of = |number| order.of_epoch(number, 2);
         assert!(Arc::ptr_eq(&of(4), &of(4)));
         for share in [0.0, -0.5, 1.0, f64::NAN] {

@@ -58,8 +58,8 @@ impl SupervisionConfig {
 pub struct Sample {
     /// The colour image.
     pub rgb: RgbImage,
-    /// What a pretrained encoder says of it, for networks trained on one.
-    pub said: Option<EncoderOutput>,
+    /// The output of a pretrained encoder, for networks trained on one.
+    pub encoded: Option<EncoderOutput>,
     /// Pixels `y * width + x`: first the candidate points, then the patches row by row.
     pub pixels: Vec<u32>,
     /// The depth of each candidate point in metres; 0 = none.
@@ -118,7 +118,7 @@ impl Sample {
         depths[found..config.points].fill(0.0);
         Self {
             rgb: frame.rgb.clone(),
-            said: None,
+            encoded: None,
             map: map.values().to_vec(),
             weights: target.map(|target| target.weights.clone()),
             pixels,

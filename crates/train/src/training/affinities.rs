@@ -6,7 +6,7 @@ use burn::tensor::Tensor;
 /// the likelihood, but for a constant and a factor 2, of a relative difference in depth D that is
 /// normal with variance `STEP^2 / c`. Differences are reduced by what quantisation of the depths may
 /// make of them. `edges [batch, height, width, 2]`, `depths [batch, height, width]`.
-pub(super) fn steps(edges: &Tensor<4>, depths: &Tensor<3>) -> Tensor<1> {
+pub(super) fn step_neg_log_likelihood(edges: &Tensor<4>, depths: &Tensor<3>) -> Tensor<1> {
     const STEP: f64 = 0.01;
     const FLAT: f64 = 0.003;
     const QUANTUM: f64 = 0.04;
@@ -49,7 +49,7 @@ mod tests {
         let loss = |strengths: [f32; 5]| {
             let edges = strengths.into_iter().flat_map(|c| [c, 1.0]).collect();
             let edges = Tensor::from_data(TensorData::new::<f32, _>(edges, [1, 1, 5, 2]), &device);
-            f64::from(steps(&edges, &depths).into_scalar::<f32>())
+            f64::from(step_neg_log_likelihood(&edges, &depths).into_scalar::<f32>())
         };
         // Variances of 0.003^2, and of that and (0.5 / 2.27)^2, in units of 0.01^2.
         let flat = 1.0 / 0.09;

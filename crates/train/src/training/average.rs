@@ -1,48 +1,36 @@
 //! The running average of a network over its last steps, which predicts better than any of them
 //! (Polyak and Juditsky 1992; in this form Tarvainen and Valpola 2017).
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use crate::model::parameters::{NamedTensor, named};
+use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Tensor, TensorData};
-use std::collections::VecDeque;
 
 /// Moves `average` towards `net` after the step of this number, counted from 1: by `1 - decay`, and
 /// more in the first steps, of which an average would remember the random start.
 pub(super) fn follow<M: Module>(average: M, net: &M, decay: f64, step: usize) -> M {
     let step = step as f64;
-    let kept = decay.min(step / (step + 10.0)) as f32;
-    let mut values = Values::default();
-    net.visit(&mut values);
-    average.map(&mut Mix {
-        values: values.0,
-        kept,
+    average.map(&mut Mixer {
+        tensors: named(net).into_iter(),
+        decay: decay.min(step / (step + 10.0)) as f32,
     })
 }
 
-/// The float tensors of a module, in order.
-#[derive(Default)]
-struct Values(VecDeque<TensorData>);
-
-impl ModuleVisitor for Values {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.0.push_back(param.val().into_data());
-    }
+/// Moves the tensors of a module towards those of another, in order.
+struct Mixer {
+    tensors: std::vec::IntoIter<NamedTensor>,
+    decay: f32,
 }
 
-struct Mix {
-    values: VecDeque<TensorData>,
-    kept: f32,
-}
-
-impl ModuleMapper for Mix {
+impl ModuleMapper for Mixer {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let Some(now) = self.values.pop_front() else {
+        let Some(now) = self.tensors.next() else {
             return param;
         };
-        let kept = self.kept;
+        let decay = self.decay;
         param.map(|tensor| {
             let old = tensor.to_data();
-            let pairs = old.iter::<f32>().zip(now.iter::<f32>());
-            let values: Vec<f32> = pairs.map(|(a, b)| b + kept * (a - b)).collect();
+            let pairs = old.iter::<f32>().zip(now.data.iter::<f32>());
+            let values: Vec<f32> = pairs.map(|(a, b)| b + decay * (a - b)).collect();
             Tensor::from_data(TensorData::new(values, old.shape()), &tensor.device())
         })
     }
@@ -56,11 +44,9 @@ mod tests {
     use lsdc_core::network::NetworkConfig;
 
     fn numbers(net: &BasisNet) -> Vec<f32> {
-        let mut values = Values::default();
-        net.visit(&mut values);
-        let values = values.0.iter();
-        values
-            .flat_map(|v| v.iter::<f32>().collect::<Vec<_>>())
+        let tensors = named(net).into_iter();
+        tensors
+            .flat_map(|tensor| tensor.data.iter::<f32>().collect::<Vec<_>>())
             .collect()
     }
 

@@ -2,10 +2,10 @@
 
 use super::TrainConfig;
 use super::calibrate;
-use super::learner::{Fitting, Learner};
-use super::record::Record;
+use super::learner::{FitObjective, Learner};
+use super::record::TrainingRecord;
 use super::run::{Subject, Trainer};
-use super::setup::{check_network, imitated, start_adapters, with_backbone};
+use super::setup::{check_network, start_adapters, teacher_weights, with_backbone};
 use crate::device::Device;
 use crate::model::{AnyEncoder, BasisNet, InitNetwork as _, OnDevice, load, transfer, weights_of};
 use crate::predict::{adapted_blocks, completer, first_adapted};
@@ -16,7 +16,7 @@ use lsdc_core::network::{Encoder, NetworkConfig};
 use lsdc_core::weights::Normalisation;
 use lsdc_core::{Completer, Weights};
 use lsdc_eval::data::{Mixture, write_atomically};
-use lsdc_eval::predict::Completes;
+use lsdc_eval::predict::DepthCompleter;
 use lsdc_files::error::Result;
 use lsdc_weights::{Precision, SCORES_NOTE, TRAINING_NOTE, encoder_of, open_weights, to_bytes};
 use serde_json::{Value, json};
@@ -29,7 +29,7 @@ pub struct BasisFunctions {
     pub(super) network: NetworkConfig,
     pub(super) fit: FitConfig,
     /// The weights of a teacher whose network is compared with.
-    pub(super) imitated: Option<Weights>,
+    pub(super) teacher_weights: Option<Weights>,
     /// What the network reads beside the image, if it was made for that.
     pub(super) encoder: Option<Arc<Encoder>>,
 }
@@ -58,7 +58,7 @@ impl Trainer<BasisFunctions> {
         };
         let subject = |normalisation: &Normalisation| {
             Ok(BasisFunctions {
-                imitated: imitated(&config, normalisation)?,
+                teacher_weights: teacher_weights(&config, normalisation)?,
                 encoder: encoder_of(&network)?,
                 network: network.clone(),
                 fit,
@@ -66,13 +66,13 @@ impl Trainer<BasisFunctions> {
         };
         let mut run = Self::of(folder, normal, subject, config.clone(), frames, devices)?;
         let bases = &run.subject;
-        let encoding = match (&bases.encoder, &bases.imitated) {
+        let encoding = match (&bases.encoder, &bases.teacher_weights) {
             (None, Some(weights)) => encoder_of(&weights.network)?,
             _ => bases.encoder.clone(),
         }
         .map(|encoder| {
             let encoding = Encoding::new(encoder, run.normalisation, config.features.clone());
-            encoding.entering(first_adapted(&network))
+            encoding.tokens_before(first_adapted(&network))
         });
         run.sampler = run.sampler.encoded(encoding);
         Ok(run)
@@ -95,7 +95,7 @@ impl BasisFunctions {
 
 impl Subject for BasisFunctions {
     type Net = BasisNet;
-    type Objective = Fitting;
+    type Objective = FitObjective;
 
     fn settings(&self) -> Value {
         json!({ "network": self.network, "fit": self.fit })
@@ -112,14 +112,14 @@ impl Subject for BasisFunctions {
                 "{new} tensors are not those of the start weights: they begin at random, or with the backbone's"
             );
         }
-        let teacher = self.imitated.as_ref();
+        let teacher = self.teacher_weights.as_ref();
         let teacher = teacher.map(|weights| load(weights, run.device()));
         Ok(Learner::new(net, &self.fit, &run.config)
-            .taught_by(teacher.transpose()?)
-            .adapting(adapted_blocks(&self.network, device)?))
+            .with_teacher(teacher.transpose()?)
+            .with_adapted_blocks(adapted_blocks(&self.network, device)?))
     }
 
-    fn completes(&self, run: &Trainer<Self>, net: &BasisNet) -> Result<Box<dyn Completes>> {
+    fn completes(&self, run: &Trainer<Self>, net: &BasisNet) -> Result<Box<dyn DepthCompleter>> {
         let weights = Weights::new(self.network.clone(), run.normalisation, BTreeMap::new());
         let network = OnDevice::new(
             net.valid(),
@@ -130,9 +130,9 @@ impl Subject for BasisFunctions {
         Ok(Box::new(completer.fit(self.fit).build()?))
     }
 
-    fn publish(&self, run: &Trainer<Self>, net: &BasisNet, record: Record) -> Result<()> {
+    fn publish(&self, run: &Trainer<Self>, net: &BasisNet, record: TrainingRecord) -> Result<()> {
         let mut weights = weights_of(&net.valid(), self.network.clone(), run.normalisation);
-        record.keep(&mut weights.notes, &run.folder)?;
+        record.add_to(&mut weights.notes, &run.folder)?;
         weights.notes.insert(TRAINING_NOTE.to_owned(), run.note()?);
         weights.record_fit(&self.fit);
         let write = |weights: &Weights| {

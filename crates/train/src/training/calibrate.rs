@@ -8,7 +8,8 @@ use burn::tensor::Device;
 use image::RgbImage;
 use image::imageops::flip_horizontal;
 use lsdc_core::fit::{
-    COUNTS, FitConfig, FitMethod, ImageMoments, KNOTS, Lambda, NoisePrior, Prior, PriorKind,
+    CALIBRATION_NODES, FitConfig, FitMethod, ImageMoments, LAMBDA_COUNTS, Lambda, NoisePrior,
+    Prior, PriorKind,
 };
 use lsdc_core::{Completer, Observations, Point, Weights};
 use lsdc_eval::data::{Dataset, DepthMap, Frame};
@@ -32,11 +33,11 @@ const ONE_DEVIATION: f64 = 0.6827;
 /// functions beside a field: the fewer the points, the smaller it is.
 const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 /// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
-const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
+const NUMBERS: [(usize, u64); LAMBDA_COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
 /// The shares of errors within intervals of 68.27 and 95.45 %, on scenes or frames left out ([`Scenes::unit`]), for each of
 /// [`NUMBERS`](super::error_calibration::NUMBERS).
-pub type Held = [(f64, f64); KNOTS];
+pub type IntervalCoverage = [(f64, f64); CALIBRATION_NODES];
 
 /// Learns the prior over weights from the frames that `config` trained on (1,000 of them at most) and their
 /// mirror images, the strength of the noise and the scale of standard deviations from those that it held out (from all, if it held out
@@ -53,7 +54,7 @@ pub fn calibrate(
     config: &TrainConfig,
     device: &Device,
     progress: impl Fn(usize, usize) + Sync,
-) -> Result<Option<Held>> {
+) -> Result<Option<IntervalCoverage>> {
     let (mut training, mut held_out) = config.divide(frames)?;
     if held_out.is_empty() {
         held_out.clone_from(&training);
@@ -87,50 +88,36 @@ pub fn calibrate(
     let load = |index: usize| frame(frames, index, &config.protocol);
 
     let mut images = Vec::with_capacity(2 * training.len());
-    let mut seen = 0;
+    let mut done = 0;
     for some in training.chunks(rayon::current_num_threads()) {
         let found: Vec<[ImageMoments; 2]> = some
             .par_iter()
             .map(|&index| moments(&completer, &load(index)?, config.seed))
             .collect::<Result<_>>()?;
         images.extend(found.into_iter().flatten());
-        seen += some.len();
-        progress(seen, total);
+        done += some.len();
+        progress(done, total);
     }
     let prior = Prior::learn(&images)?;
     let unknown = NoisePrior {
         mean: prior.noise().mean,
         deviation: None,
-        trust: TRUST,
+        equivalent_points: TRUST,
     };
 
     // With 500 points there is no need to know the noise beforehand.
     let completer = completer.with_prior(prior.clone().with_noise(unknown));
     let (fit, measured) = if fit.method == FitMethod::Joint {
         let scale = prior.noise().mean.exp();
-        let joint = |lambda: Lambda| FitConfig { lambda, ..fit };
-        let mut best = [(f64::INFINITY, 0.0); COUNTS];
-        for lambda in SHARES.map(|share| share * scale) {
-            let completer = completer.with_fit(joint(Lambda::Fixed(lambda)));
-            let errors = errors(&completer, &held_out, &load, config.seed)?;
-            for (best, error) in best.iter_mut().zip(errors) {
-                if error < best.0 {
-                    *best = (error, lambda);
-                }
-            }
-        }
-        let mut chosen = [(0.0, 0.0); COUNTS];
-        for ((chosen, (points, _)), (_, lambda)) in chosen.iter_mut().zip(NUMBERS).zip(best) {
-            *chosen = (points as f64, lambda);
-        }
-        let fit = joint(Lambda::ByCount(chosen));
-        (
-            fit,
-            FitConfig {
-                robust: None,
-                ..fit
-            },
-        )
+        let errors = |lambda: f64| {
+            let lambda = Lambda::Fixed(lambda);
+            let completer = completer.with_fit(FitConfig { lambda, ..fit });
+            errors(&completer, &held_out, &load, config.seed)
+        };
+        let lambda = best_lambda(SHARES.map(|share| share * scale), errors)?;
+        let fit = FitConfig { lambda, ..fit };
+        let robust = None;
+        (fit, FitConfig { robust, ..fit })
     } else {
         (fit, plain)
     };
@@ -138,7 +125,7 @@ pub fn calibrate(
     let completer = completer.with_fit(measured);
     let mut lambdas = Vec::new();
     let mut ratios = Ratios::new(config.seed);
-    for (done, &index) in held_out.iter().enumerate() {
+    for &index in &held_out {
         let frame = load(index)?;
         let points = Observations::from_map(&Pattern::Exactly(500).draw(&frame, config.seed)?);
         let completion = scene(&completer, &frame.rgb)?.complete(&points)?;
@@ -152,16 +139,17 @@ pub fn calibrate(
                 ratios.add((depth - truth).abs() / deviation);
             }
         }
-        progress(seen + done + 1, total);
+        done += 1;
+        progress(done, total);
     }
     let noise = NoisePrior {
         deviation: Some(deviation(&lambdas).max(0.3)),
         mean: mean(&lambdas),
-        trust: TRUST,
+        equivalent_points: TRUST,
     };
-    if ratios.seen > RATIOS as u64 {
-        let seen = ratios.seen;
-        tracing::info!("standard deviations are scaled by {RATIOS} of {seen} pixels");
+    if ratios.count > RATIOS as u64 {
+        let count = ratios.count;
+        tracing::info!("standard deviations are scaled by {RATIOS} of {count} pixels");
     }
     weights.record_prior(
         &prior.with_noise(noise),
@@ -171,18 +159,28 @@ pub fn calibrate(
     weights.record_fit(&fit);
     if fit.method == FitMethod::Joint {
         let scenes = Scenes::of(frames, config.scenes.as_deref())?;
-        let learned = learn_errors(
-            weights,
-            frames,
-            &held_out,
-            &scenes,
-            config,
-            device,
-            |_, _| {},
-        )?;
-        return Ok(learned.held);
+        let ignore = |_: usize, _: usize| {};
+        let learned = learn_errors(weights, frames, &held_out, &scenes, config, device, ignore)?;
+        return Ok(learned.coverage);
     }
     Ok(None)
+}
+
+/// Those of some lambdas whose errors are the smallest, for each number of points.
+fn best_lambda(
+    lambdas: impl IntoIterator<Item = f64>,
+    errors: impl Fn(f64) -> Result<[f64; LAMBDA_COUNTS]>,
+) -> Result<Lambda> {
+    let mut best = [(f64::INFINITY, 0.0); LAMBDA_COUNTS];
+    for lambda in lambdas {
+        for (best, error) in best.iter_mut().zip(errors(lambda)?) {
+            if error < best.0 {
+                *best = (error, lambda);
+            }
+        }
+    }
+    let chosen = std::array::from_fn(|i| (NUMBERS[i].0 as f64, best[i].1));
+    Ok(Lambda::ByCount(chosen))
 }
 
 /// What the prior is learned from, of a frame and of its mirror image.
@@ -233,15 +231,7 @@ pub fn learn_errors(
         .hint("calibrate all, with `--fit joint`"));
     };
     let completer = completer.with_fit(fit);
-    let found = error_calibration(
-        &completer,
-        frames,
-        which,
-        scenes,
-        &config.protocol,
-        config.seed,
-        progress,
-    )?;
+    let found = error_calibration(&completer, frames, which, scenes, config, progress)?;
     weights.record_prior(&prior, calibration.deviation, Some(found.model));
     Ok(found)
 }
@@ -253,13 +243,13 @@ fn errors(
     frames: &[usize],
     load: &(impl Fn(usize) -> Result<Frame> + Sync),
     seed: u64,
-) -> Result<[f64; COUNTS]> {
-    let errors: Vec<[f64; COUNTS]> = frames
+) -> Result<[f64; LAMBDA_COUNTS]> {
+    let errors: Vec<[f64; LAMBDA_COUNTS]> = frames
         .par_iter()
         .map(|&index| {
             let frame = load(index)?;
             let scene = scene(completer, &frame.rgb)?;
-            let mut means = [0.0; COUNTS];
+            let mut means = [0.0; LAMBDA_COUNTS];
             for (mean, (points, draws)) in means.iter_mut().zip(NUMBERS) {
                 for draw in 0..draws {
                     let sparse = Pattern::Exactly(points).draw(&frame, seed + draw)?;
@@ -273,7 +263,7 @@ fn errors(
             Ok(means)
         })
         .collect::<Result<_>>()?;
-    let mut sums = [0.0; COUNTS];
+    let mut sums = [0.0; LAMBDA_COUNTS];
     for image in &errors {
         for (sum, error) in sums.iter_mut().zip(image) {
             *sum += error;
@@ -304,7 +294,7 @@ fn deviation(values: &[f64]) -> f64 {
 /// (algorithm R of Vitter 1985).
 struct Ratios {
     values: Vec<f32>,
-    seen: u64,
+    count: u64,
     rng: Rng,
 }
 
@@ -315,19 +305,19 @@ impl Ratios {
     fn new(seed: u64) -> Self {
         Self {
             values: Vec::new(),
-            seen: 0,
+            count: 0,
             rng: Rng::stream(seed, &["ratios"]),
         }
     }
 
     fn add(&mut self, ratio: f32) {
-        self.seen += 1;
+        self.count += 1;
         if self.values.len() < RATIOS {
             self.values.push(ratio);
             return;
         }
         let share = f64::from(self.rng.below(u32::MAX)) / f64::from(u32::MAX);
-        if let Some(value) = self.values.get_mut((share * self.seen as f64) as usize) {
+        if let Some(value) = self.values.get_mut((share * self.count as f64) as usize) {
             *value = ratio;
         }
     }
@@ -390,7 +380,7 @@ mod tests {
             let wide = if i < count / 2 { 1.0 } else { 3.0 };
             ratios.add(wide * rng.normal().hypot(rng.normal()));
         }
-        assert_eq!((ratios.values.len(), ratios.seen), (RATIOS, count as u64));
+        assert_eq!((ratios.values.len(), ratios.count), (RATIOS, count as u64));
         let share = within(ratios.quantile(ONE_DEVIATION));
         assert!((share - ONE_DEVIATION).abs() < 0.002, "{share}");
         // Nothing is left out of few.

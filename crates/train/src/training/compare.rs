@@ -26,30 +26,31 @@ impl Losses {
     }
 }
 
-/// How much errors count; all the same where there is nothing.
+/// The weights of errors; `None` where all have the same.
 #[derive(Default)]
-pub(super) struct Counts {
+pub(super) struct ErrorWeights {
     /// Of each fit, `[images, 1, draws]`.
     pub(super) fits: Option<Tensor<3>>,
     /// At each pixel, `[images, pixels, 1]`.
     pub(super) pixels: Option<Tensor<3>>,
 }
 
-impl Counts {
-    /// Errors, or their squares, `[images, pixels, draws]`, each as much as its pixel counts.
+impl ErrorWeights {
+    /// Errors, or their squares, `[images, pixels, draws]`, times the weights of their pixels.
     fn of_pixels(&self, errors: Tensor<3>) -> Tensor<3> {
-        match &self.pixels {
-            None => errors,
-            Some(weights) => errors * weights.clone(),
-        }
+        weighted(errors, self.pixels.as_ref())
     }
 
-    /// What was found for each fit, as much as the fit counts.
+    /// Errors, or means of them, times the weights of their fits.
     fn of_fits(&self, errors: Tensor<3>) -> Tensor<3> {
-        match &self.fits {
-            None => errors,
-            Some(shares) => errors * shares.clone(),
-        }
+        weighted(errors, self.fits.as_ref())
+    }
+}
+
+fn weighted(errors: Tensor<3>, weights: Option<&Tensor<3>>) -> Tensor<3> {
+    match weights {
+        None => errors,
+        Some(weights) => errors * weights.clone(),
     }
 }
 
@@ -58,7 +59,7 @@ impl Counts {
 pub(super) fn compared(
     fitted: Tensor<3>,
     depths: &Tensor<2>,
-    counts: &Counts,
+    weights: &ErrorWeights,
     (points, patch): (usize, (usize, usize)),
     config: &LossConfig,
 ) -> Losses {
@@ -67,27 +68,27 @@ pub(super) fn compared(
     let valid = depths.clone().greater_elem(0.0).float();
     let error = (fitted - depths) * valid.clone();
     let count = (valid.clone().sum() * draws as f64).clamp_min(1.0);
-    let absolutes = counts.of_pixels(error.clone().abs());
-    let squares = counts.of_pixels(error.clone().square());
+    let absolutes = weights.of_pixels(error.clone().abs());
+    let squares = weights.of_pixels(error.clone().square());
     let l1 = absolutes.clone().sum() / count.clone();
     let l2 = squares.clone().sum() / count.clone();
-    let absolute = match &counts.fits {
+    let absolute = match &weights.fits {
         None => l1.clone(),
-        Some(_) => counts.of_fits(absolutes).sum() / count.clone(),
+        Some(_) => weights.of_fits(absolutes).sum() / count.clone(),
     };
     let mut total = absolute * config.l1 + l2.clone() * config.l2;
     if config.rmse > 0.0 {
         // Smooth where an image is met exactly.
         const LEAST: f64 = 1e-6;
         let means = squares.sum_dim(1) / valid.clone().sum_dim(1).clamp_min(1.0);
-        total = total + counts.of_fits((means + LEAST).sqrt()).mean() * config.rmse;
+        total = total + weights.of_fits((means + LEAST).sqrt()).mean() * config.rmse;
     }
     if config.berhu > 0.0 {
-        let bends = counts.of_pixels(reverse_huber(error.clone()));
-        total = total + counts.of_fits(bends).sum() / count * config.berhu;
+        let bends = weights.of_pixels(reverse_huber(error.clone()));
+        total = total + weights.of_fits(bends).sum() / count * config.berhu;
     }
     if config.gradient > 0.0 {
-        let certain = counts.of_pixels(valid.clone());
+        let certain = weights.of_pixels(valid.clone());
         total = total + gradient(error, [valid, certain], points, patch) * config.gradient;
     }
     Losses { total, l1, l2 }
@@ -166,7 +167,7 @@ mod tests {
         let fitted = row([3.0, 4.0, 1.0, 9.0], [1, 4, 1]);
         let depths = vec![2.0_f32, 2.0, 2.0, 0.0];
         let depths = Tensor::from_data(TensorData::new(depths, [1, 4]), &device);
-        let counts = Counts {
+        let weights = ErrorWeights {
             fits: None,
             pixels: Some(row([1.0, 0.5, 0.25, 0.0], [1, 4, 1])),
         };
@@ -178,7 +179,7 @@ mod tests {
                 gradient,
                 ..LossConfig::default()
             };
-            let found = compared(fitted.clone(), &depths, &counts, (0, (2, 2)), &config);
+            let found = compared(fitted.clone(), &depths, &weights, (0, (2, 2)), &config);
             f64::from(found.total.into_scalar::<f32>())
         };
         // Errors 1, 2, -1, of which two pairs are neighbours: steps of 1 and 2.
@@ -214,11 +215,11 @@ mod tests {
                 gradient: 0.0,
                 ..LossConfig::default()
             };
-            let counts = Counts {
+            let weights = ErrorWeights {
                 fits: shares,
                 pixels: None,
             };
-            let found = compared(fitted.clone(), &depths, &counts, (2, (0, 0)), &config);
+            let found = compared(fitted.clone(), &depths, &weights, (2, (0, 0)), &config);
             f64::from(found.total.into_scalar::<f32>())
         };
         let shares = || Some(tensor(vec![1.0, (1.0_f32 / 16.0).powf(0.25)], [1, 1, 2]));

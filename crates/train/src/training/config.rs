@@ -12,14 +12,14 @@ use std::path::PathBuf;
 /// What of a network is trained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Part {
+pub enum TrainedPart {
     /// Everything, through the fit.
     #[default]
     All,
-    /// What judges edges, through a field without basis functions; the others stay as they are.
+    /// The affinity network, through a field without basis functions; the others stay as they are.
     #[serde(alias = "edges")]
     Affinities,
-    /// The basis functions, through the fit; what judges edges stays as it is.
+    /// The basis functions, through the fit; the affinity network stays as it is.
     Bases,
     /// The map that a pretrained backbone suggests, without fits; the others stay as they are.
     Map,
@@ -41,7 +41,7 @@ pub enum OptimiserKind {
 /// What is held out of training as a whole.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Division {
+pub enum HeldOutUnit {
     /// Frames, though others of their scenes are learned from: as before scenes were known.
     Frames,
     /// Scenes, where they are known ([`Scenes`]).
@@ -83,7 +83,7 @@ pub struct TrainConfig {
     /// The number of frames kept out of training for that.
     pub held_out: usize,
     /// What these are taken from: "scenes", none of whose frames are learned from, or "frames".
-    pub held_out_by: Division,
+    pub held_out_by: HeldOutUnit,
     /// A list of the scenes of all frames, FRAME,SCENE in each line; absent: the first folder in which the names of frames
     /// differ.
     pub scenes: Option<PathBuf>,
@@ -91,12 +91,12 @@ pub struct TrainConfig {
     /// noise from held-out ones, and completion uses it (see `fit.prior`).
     pub calibrate: bool,
     /// What is trained.
-    pub part: Part,
+    pub part: TrainedPart,
     /// Weights to start from: tensors that agree in name and shape are taken.
     pub start: Option<PathBuf>,
     /// How the stages of a pretrained network are trained, for networks that have such (`network.extractor.backbone`).
     pub backbone: BackboneTraining,
-    /// A network that says what depth is where none was measured; absent: only measured depths are learned.
+    /// A network that predicts depth where none was measured; absent: only measured depths are learned.
     pub teacher: Option<TeacherConfig>,
     /// The size at which to train.
     pub protocol: Protocol,
@@ -104,7 +104,7 @@ pub struct TrainConfig {
     pub augment: AugmentConfig,
     /// The number of different views of each frame that these make; 0: a new one in every pass.
     pub views: usize,
-    /// Where what a pretrained encoder says of each view is kept, for networks trained on one; absent: it is
+    /// The folder of cached features of a pretrained encoder, for networks trained on one; absent: they are
     /// computed in every step.
     pub features: Option<PathBuf>,
     /// Points and patches.
@@ -153,10 +153,10 @@ impl Default for TrainConfig {
             save_every: 1000,
             measure_every: 1000,
             held_out: 24,
-            held_out_by: Division::Scenes,
+            held_out_by: HeldOutUnit::Scenes,
             scenes: None,
             calibrate: true,
-            part: Part::All,
+            part: TrainedPart::All,
             start: None,
             backbone: BackboneTraining::default(),
             teacher: None,
@@ -173,7 +173,7 @@ impl Default for TrainConfig {
 
 impl TrainConfig {
     /// The teacher, if its depths are learned from.
-    pub(super) fn completing(&self) -> Option<&TeacherConfig> {
+    pub(super) fn depth_teacher(&self) -> Option<&TeacherConfig> {
         let teacher = self.teacher.as_ref();
         teacher.filter(|teacher| teacher.target != DistillTarget::Measured)
     }
@@ -184,8 +184,8 @@ impl TrainConfig {
     /// A list of scenes that cannot be used.
     pub fn divide(&self, frames: &dyn Dataset) -> Result<(Vec<usize>, Vec<usize>)> {
         let scenes = match self.held_out_by {
-            Division::Frames => Scenes::unknown(frames),
-            Division::Scenes => Scenes::of(frames, self.scenes.as_deref())?,
+            HeldOutUnit::Frames => Scenes::unknown(frames),
+            HeldOutUnit::Scenes => Scenes::of(frames, self.scenes.as_deref())?,
         };
         Ok(scenes.divide(frames, self.held_out))
     }
@@ -219,21 +219,21 @@ impl TrainConfig {
         match &self.teacher {
             Some(teacher) => {
                 teacher.check()?;
-                if self.completing().is_none() && !self.loss.imitates() {
+                if self.depth_teacher().is_none() && !self.loss.compares_networks() {
                     return Err(Error::config(
                         "`train.teacher.target = \"measured\"` needs `train.loss.teacher_affinities` or \
                          `teacher_span`, else nothing is learned from the teacher",
                     ));
                 }
             }
-            None if self.loss.imitates() => {
+            None if self.loss.compares_networks() => {
                 return Err(Error::config(
                     "`train.loss.teacher_affinities` and `teacher_span` need `train.teacher`",
                 ));
             }
             None => {}
         }
-        if self.part == Part::Map && self.loss != LossConfig::of_map(self.loss.mean) {
+        if self.part == TrainedPart::Map && self.loss != LossConfig::of_map(self.loss.mean) {
             return Err(
                 Error::config("`train.part = \"map\"` learns by `train.loss.mean` alone")
                     .hint("set the other losses to 0, or take `nyu-map.toml`"),

@@ -72,7 +72,7 @@ pub(crate) fn read_backbone(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{InitNetwork as _, fill};
+    use crate::model::{InitNetwork as _, fill_part};
     use burn::tensor::{Device, TensorData};
     use lsdc_core::network::{ExtractorConfig, NetworkConfig};
     use safetensors::tensor::{Dtype, TensorView};
@@ -162,14 +162,14 @@ mod tests {
             ..NetworkConfig::small()
         };
         let device = Device::flex();
-        let net = fill(tensors, network.init(0, &device).unwrap()).unwrap();
+        let net = fill_part(tensors, network.init(0, &device).unwrap()).unwrap();
         let (height, width) = (37, 50);
         let image = chirp(1000, 3 * height * width);
         // From channels first to channels last.
         let pixel = |i: usize| image[i % 3 * height * width + i / 3] as f32;
         let image: Vec<f32> = (0..image.len()).map(pixel).collect();
         let image = TensorData::new(image, [1, height, width, 3]);
-        let maps = net.seen_by_backbone(burn::tensor::Tensor::from_data(image, &device));
+        let maps = net.backbone_features(burn::tensor::Tensor::from_data(image, &device));
         let golden: Vec<Value> =
             serde_json::from_str(include_str!("../../../../tests/golden/backbone.json")).unwrap();
         assert_eq!(maps.len(), golden.len());

@@ -1,17 +1,17 @@
 //! The distribution of the errors of completed depth, learned from frames that the network has not seen.
 
-use super::Scenes;
-use lsdc_core::fit::{CalibrationNode, ErrorModel, KNOTS, Sample, student_t};
+use super::{Scenes, TrainConfig};
+use lsdc_core::fit::{CALIBRATION_NODES, CalibrationNode, ErrorModel, ErrorSample, student_t};
 use lsdc_core::{Completer, Observation, Observations};
 use lsdc_eval::data::{Dataset, DepthMap, Frame};
 use lsdc_eval::predict::scene;
-use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::{self as rng, Rng};
 use rayon::prelude::*;
 
 /// Numbers of points at which the distribution is learned.
-pub const NUMBERS: [usize; KNOTS] = [5, 50, 500, 5000];
+pub const NUMBERS: [usize; CALIBRATION_NODES] = [5, 50, 500, 5000];
 /// Frames that it is learned from at most.
 const FRAMES: usize = 80;
 /// Pixels of each completion.
@@ -26,11 +26,11 @@ pub struct ErrorCalibration {
     pub model: ErrorModel,
     /// For each of [`NUMBERS`], the share of errors within intervals of 68.27 and 95.45 %, with exponents
     /// learned from other [scenes](Scenes::unit); `None` for a single scene.
-    pub held: Option<[(f64, f64); KNOTS]>,
+    pub coverage: Option<[(f64, f64); CALIBRATION_NODES]>,
 }
 
 /// The errors of one frame, for each number of points.
-type Errors = [Vec<Sample>; KNOTS];
+type Errors = [Vec<ErrorSample>; CALIBRATION_NODES];
 
 /// Learns the distribution of errors from some of the frames at `which`, the same number of each scene as far as
 /// there are as many, with points in six ways: drawn at random, on a grid, on lines, at corners, in one half of the
@@ -43,8 +43,7 @@ pub(super) fn error_calibration(
     frames: &dyn Dataset,
     which: &[usize],
     scenes: &Scenes,
-    protocol: &Protocol,
-    seed: u64,
+    config: &TrainConfig,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Result<ErrorCalibration> {
     let mut chosen = scenes.spread(frames, which, "errors");
@@ -53,8 +52,8 @@ pub(super) fn error_calibration(
     let found: Vec<(&str, Errors)> = chosen
         .par_iter()
         .map(|&index| {
-            let frame = protocol.apply(&frames.load(index)?)?;
-            let errors = errors(completer, &frame, seed)?;
+            let frame = config.protocol.apply(&frames.load(index)?)?;
+            let errors = errors(completer, &frame, config.seed)?;
             let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
             progress(count + 1, chosen.len());
             Ok((scenes.name(index), errors))
@@ -64,7 +63,8 @@ pub(super) fn error_calibration(
         let mut knots = Vec::new();
         for (i, number) in NUMBERS.into_iter().enumerate() {
             let some = found.iter().filter(|(scene, _)| wanted(scene));
-            let samples: Vec<Sample> = some.flat_map(|(_, errors)| errors[i].clone()).collect();
+            let samples: Vec<ErrorSample> =
+                some.flat_map(|(_, errors)| errors[i].clone()).collect();
             knots.push(CalibrationNode::learn(number as f64, &samples)?);
         }
         knots.try_into().ok().map(ErrorModel)
@@ -75,7 +75,7 @@ pub(super) fn error_calibration(
     let parts: Vec<u64> = (0..PARTS)
         .filter(|p| found.iter().any(|(scene, _)| part(scene) == *p))
         .collect();
-    let mut counts = [(0, 0, 0); KNOTS];
+    let mut counts = [(0, 0, 0); CALIBRATION_NODES];
     for &own in parts.iter().filter(|_| parts.len() > 1) {
         let Some(other) = learned(&|scene| part(scene) != own) else {
             continue;
@@ -97,7 +97,7 @@ pub(super) fn error_calibration(
     let measured = counts.iter().all(|count| count.0 > 0);
     Ok(ErrorCalibration {
         model,
-        held: measured.then(|| counts.map(share)),
+        coverage: measured.then(|| counts.map(share)),
     })
 }
 

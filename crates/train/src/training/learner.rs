@@ -1,12 +1,12 @@
 //! One step of training.
 
 use super::average::follow;
-use super::config::{OptimiserKind, Part};
+use super::config::{OptimiserKind, TrainedPart};
 use super::loss::{field_losses, map_losses};
-use super::muon::Flattened;
+use super::muon::FlattenedMuon;
 use super::parallel::gradients;
 use super::scaled_rate::ScaledRate;
-use super::step::Step;
+use super::step::StepLosses;
 use super::{LossConfig, Losses, TeacherOutput, TrainConfig, losses};
 use crate::model::layers::FreezeStatistics;
 use crate::model::{BasisNet, LastBlocks};
@@ -20,7 +20,7 @@ use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer, SgdConfig};
 use lsdc_core::fit::FitConfig;
 use lsdc_files::error::{Cause, Error, Result};
 
-/// What a step asks of a network.
+/// The losses that a step minimises.
 pub trait Objective<M>: Sync {
     /// The losses of a batch.
     ///
@@ -30,57 +30,59 @@ pub trait Objective<M>: Sync {
 }
 
 /// Basis functions whose fits are near the depths.
-pub struct Fitting {
+pub struct FitObjective {
     fit: FitConfig,
     robust: Option<Reweighting>,
     loss: LossConfig,
-    part: Part,
+    part: TrainedPart,
     /// The network of a teacher, which is compared with.
     teacher: Option<BasisNet>,
     /// The blocks of the pretrained encoder that adapters change.
     blocks: Option<LastBlocks>,
 }
 
-impl Fitting {
+impl FitObjective {
     /// A batch whose features are those of the encoder with the adapters of a network; nothing if it has none.
     fn adapted(&self, net: &BasisNet, batch: &Batch) -> Result<Option<Batch>> {
         let Some(adapters) = net.adapters() else {
             return Ok(None);
         };
-        let seen = batch.encoded.clone().zip(batch.entering.clone());
+        let input = batch.encoded.clone().zip(batch.tokens.clone());
         let blocks = self.blocks.as_ref();
         let blocks = blocks.filter(|blocks| blocks.count() == adapters.config().blocks);
-        let (Some(blocks), Some((encoded, entering))) = (blocks, seen) else {
+        let (Some(blocks), Some((encoded, tokens))) = (blocks, input) else {
             let what = "adapters are trained with the blocks that they change and what enters them";
             return Err(Error::shape(what));
         };
-        let blocks = blocks.to_device(&batch.images.device());
+        let blocks = blocks.clone().to_device(&batch.images.device());
         Ok(Some(Batch {
-            encoded: Some(blocks.features(encoded, entering, adapters)),
+            encoded: Some(blocks.features(encoded, tokens, adapters)),
             ..batch.clone()
         }))
     }
 }
 
-impl Objective<BasisNet> for Fitting {
+impl Objective<BasisNet> for FitObjective {
     fn losses(&self, net: &BasisNet, batch: &Batch) -> Result<Losses> {
         let adapted = self.adapted(net, batch)?;
-        let shown = self.teacher.as_ref().map(|teacher| {
+        let teacher = self.teacher.as_ref().map(|teacher| {
             let device = batch.images.device().inner();
             TeacherOutput::new(&teacher.clone().to_device(&device), batch, &self.loss)
         });
-        let (shown, fit, loss) = (shown.as_ref(), &self.fit, &self.loss);
+        let (teacher, fit, loss) = (teacher.as_ref(), &self.fit, &self.loss);
         let batch = adapted.as_ref().unwrap_or(batch);
         Ok(match self.part {
-            Part::All | Part::Bases => losses(net, batch, shown, fit, self.robust, loss),
-            Part::Affinities => field_losses(net, batch, shown, fit, loss),
-            Part::Map => map_losses(net, batch, loss)?,
+            TrainedPart::All | TrainedPart::Bases => {
+                losses(net, batch, teacher, fit, self.robust, loss)
+            }
+            TrainedPart::Affinities => field_losses(net, batch, teacher, fit, loss),
+            TrainedPart::Map => map_losses(net, batch, loss)?,
         })
     }
 }
 
 /// A network with its optimiser, and what it is to learn.
-pub struct Learner<M = BasisNet, O = Fitting> {
+pub struct Learner<M = BasisNet, O = FitObjective> {
     pub(super) net: M,
     pub(super) optimiser: ModuleOptimizer,
     objective: O,
@@ -92,13 +94,13 @@ impl Learner {
     /// Starts with a network on an autodiff device, and the optimiser of `config`.
     pub fn new(net: BasisNet, fit: &FitConfig, config: &TrainConfig) -> Self {
         let net = match config.part {
-            Part::All => net,
+            TrainedPart::All => net,
             // Basis functions read what adapters change.
             // A map alone runs nothing that is not trained.
-            Part::Affinities | Part::Map => net.fix_adapters(),
-            Part::Bases => net.fix_affinities(),
+            TrainedPart::Affinities | TrainedPart::Map => net.fix_adapters(),
+            TrainedPart::Bases => net.fix_affinities(),
         };
-        let objective = Fitting {
+        let objective = FitObjective {
             fit: *fit,
             robust: config.robust,
             loss: config.loss,
@@ -109,17 +111,17 @@ impl Learner {
         Self::with(net, objective, config)
     }
 
-    /// Compares the network with that of a teacher, as far as losses ask for it: one for images of the same size and
+    /// Compares the network with that of a teacher, as far as losses need it: one for images of the same size and
     /// normalisation, not on an autodiff device.
     #[must_use]
-    pub fn taught_by(mut self, teacher: Option<BasisNet>) -> Self {
+    pub fn with_teacher(mut self, teacher: Option<BasisNet>) -> Self {
         self.objective.teacher = teacher;
         self
     }
 
     /// Gives adapters the blocks of the pretrained encoder that they change, on an autodiff device.
     #[must_use]
-    pub fn adapting(mut self, blocks: Option<LastBlocks>) -> Self {
+    pub fn with_adapted_blocks(mut self, blocks: Option<LastBlocks>) -> Self {
         self.objective.blocks = blocks;
         self
     }
@@ -152,7 +154,7 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
             // The name that layers give what they multiply with.
             OptimiserKind::Muon => {
                 let group = ParamGroup::from_predicate("weight");
-                adam.init().with_group(group, Flattened::new(), None)
+                adam.init().with_group(group, FlattenedMuon::new(), None)
             }
         };
         let backbone = ParamGroup::from_predicate("extractor.backbone.");
@@ -182,7 +184,12 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
     ///
     /// # Errors
     /// No share, or a loss that is not finite.
-    pub fn step(mut self, shares: &[Batch], rate: f64, number: usize) -> Result<(Self, Step)> {
+    pub fn step(
+        mut self,
+        shares: &[Batch],
+        rate: f64,
+        number: usize,
+    ) -> Result<(Self, StepLosses)> {
         let objective = &self.objective;
         let (gradients, step) = gradients(&self.net, shares, |net, batch, part| {
             descent(objective, net, batch, part)
@@ -201,9 +208,9 @@ fn descent<M: Module>(
     net: &M,
     batch: &Batch,
     part: f64,
-) -> Result<(GradientsParams, Step)> {
+) -> Result<(GradientsParams, StepLosses)> {
     let losses = objective.losses(net, batch)?;
-    let step = Step::of(&losses);
+    let step = StepLosses::of(&losses);
     if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
         return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
             "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \
@@ -238,7 +245,7 @@ mod tests {
         }
     }
 
-    fn config(part: Part) -> TrainConfig {
+    fn config(part: TrainedPart) -> TrainConfig {
         TrainConfig {
             part,
             loss: LossConfig {
@@ -271,10 +278,7 @@ mod tests {
         };
         let sampler = Sampler::new(rooms, vec![0, 1], sampler).unwrap();
         let samples = sampler.batch(0).unwrap();
-        let Normalisation {
-            mean, deviation, ..
-        } = Normalisation::default();
-        Batch::new(&samples, mean, deviation, device).unwrap()
+        Batch::new(&samples, Normalisation::default(), device).unwrap()
     }
 
     fn network() -> NetworkConfig {
@@ -300,7 +304,7 @@ mod tests {
         let (network, device) = (network(), Device::flex().autodiff());
         let net = network.init(0, &device).unwrap();
         let before = tensors(&net, &network);
-        let learner = Learner::new(net, &fit(), &config(Part::Bases));
+        let learner = Learner::new(net, &fit(), &config(TrainedPart::Bases));
         let (learner, _) = learner.step(&[batch(&device)], 1e-2, 1).unwrap();
         let after = tensors(learner.net(), &network);
         for (name, tensor) in &before {
@@ -319,7 +323,7 @@ mod tests {
             stages: 3,
             decoder: 16,
         });
-        let mut config = config(Part::Map);
+        let mut config = config(TrainedPart::Map);
         assert!(config.check().is_err(), "other losses would have no effect");
         config.loss = LossConfig::of_map(1.0);
         let batch = batch(&device);
@@ -365,7 +369,7 @@ mod tests {
         });
         let net = network.init(0, &device).unwrap();
         let before = tensors(&net, &network);
-        let mut config = config(Part::Bases);
+        let mut config = config(TrainedPart::Bases);
         config.optimiser = OptimiserKind::Muon;
         config.backbone.rate = 0.05;
         config.weight_decay = 0.0;
@@ -404,13 +408,18 @@ mod tests {
         let (width, channels) = (short().width, short().channels());
         let batch = Batch {
             encoded: Some(normal([2, 12, channels]).reshape([2, 3, 4, channels])),
-            entering: Some(normal([2, 13, width])),
+            tokens: Some(normal([2, 13, width])),
             ..batch(&device)
         };
-        for part in [Part::All, Part::Bases, Part::Affinities] {
+        for part in [
+            TrainedPart::All,
+            TrainedPart::Bases,
+            TrainedPart::Affinities,
+        ] {
             let net = network.init(0, &device).unwrap();
             let before = tensors(&net, &network);
-            let learner = Learner::new(net, &fit(), &config(part)).adapting(Some(blocks.clone()));
+            let learner =
+                Learner::new(net, &fit(), &config(part)).with_adapted_blocks(Some(blocks.clone()));
             let (learner, _) = learner.step(std::slice::from_ref(&batch), 1e-2, 1).unwrap();
             let after = tensors(learner.net(), &network);
             // The others move once these are not 0 any more.
@@ -421,7 +430,7 @@ mod tests {
             for name in second {
                 assert_eq!(
                     after[name] == before[name],
-                    part == Part::Affinities,
+                    part == TrainedPart::Affinities,
                     "{name}"
                 );
                 count += 1;
@@ -433,7 +442,7 @@ mod tests {
             Learner::new(
                 network.init(0, &device).unwrap(),
                 &fit(),
-                &config(Part::All),
+                &config(TrainedPart::All),
             )
         };
         assert!(
@@ -442,10 +451,10 @@ mod tests {
                 .is_err()
         );
         let without = Batch {
-            entering: None,
+            tokens: None,
             ..batch
         };
-        let learner = learner().adapting(Some(blocks));
+        let learner = learner().with_adapted_blocks(Some(blocks));
         assert!(learner.step(&[without], 1e-2, 1).is_err());
     }
 }

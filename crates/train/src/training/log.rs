@@ -12,7 +12,7 @@ const FILE: &str = "metrics.jsonl";
 /// What happens during a run; also the lines of `metrics.jsonl`.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[serde(rename_all = "lowercase", untagged)]
-pub enum Event {
+pub enum TrainingEvent {
     /// A step was made.
     Step {
         /// Steps so far.
@@ -37,12 +37,12 @@ pub enum Event {
     },
 }
 
-/// A line of `metrics.jsonl`.
-#[derive(Debug, Serialize, Deserialize)]
+/// A line of `metrics.jsonl`, as far as runs read it.
+#[derive(Deserialize)]
 struct Line {
     step: usize,
-    #[serde(flatten)]
-    rest: serde_json::Map<String, serde_json::Value>,
+    #[serde(default)]
+    seconds: f64,
 }
 
 /// The sum of the times of all steps of a run.
@@ -51,9 +51,7 @@ pub(super) fn seconds(run: &Path) -> Result<f64> {
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let lines = text.lines();
     let lines = lines.filter_map(|line| serde_json::from_str::<Line>(line).ok());
-    Ok(lines
-        .filter_map(|line| line.rest.get("seconds")?.as_f64())
-        .sum())
+    Ok(lines.map(|line| line.seconds).sum())
 }
 
 /// Appends to `metrics.jsonl`.
@@ -67,10 +65,10 @@ impl Log {
     pub(super) fn open(run: &Path, step: usize) -> Result<Self> {
         let path = run.join(FILE);
         if let Ok(text) = std::fs::read_to_string(&path) {
-            let kept = |line: &&str| {
+            let earlier = |line: &&str| {
                 serde_json::from_str::<Line>(line).is_ok_and(|line| line.step <= step)
             };
-            let lines: Vec<&str> = text.lines().filter(kept).collect();
+            let lines: Vec<&str> = text.lines().filter(earlier).collect();
             write_atomically(&path, |out| {
                 lines.iter().try_for_each(|line| writeln!(out, "{line}"))
             })?;
@@ -83,7 +81,7 @@ impl Log {
         Ok(Self { path, file })
     }
 
-    pub(super) fn add(&mut self, event: &Event) -> Result<()> {
+    pub(super) fn add(&mut self, event: &TrainingEvent) -> Result<()> {
         let write = |e: std::io::Error| Error::write(&self.path, e);
         let line = serde_json::to_string(event).map_err(|e| write(e.into()))?;
         writeln!(self.file, "{line}").map_err(write)

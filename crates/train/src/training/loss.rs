@@ -1,7 +1,7 @@
 //! The three losses of the paper (section 3.4), on the pixels of a batch.
 
-use super::affinities::steps;
-use super::compare::{Counts, compared};
+use super::affinities::step_neg_log_likelihood;
+use super::compare::{ErrorWeights, compared};
 use super::{LossConfig, Losses, TeacherOutput};
 use crate::model::BasisNet;
 use crate::ops::{Reweighting, joint, lstsq, reweighted};
@@ -10,25 +10,25 @@ use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::fit::{FitConfig, FitMethod};
 use lsdc_files::error::{Error, Result};
 
-/// Runs the network once and one fit per draw, and compares with the depths of the batch, and with what the network
-/// of a teacher shows, if there is one.
+/// Runs the network once and one fit per draw, and compares with the depths of the batch, and with the outputs of a
+/// teacher's network if there are any.
 pub fn losses(
     net: &BasisNet,
     batch: &Batch,
-    shown: Option<&TeacherOutput>,
+    teacher: Option<&TeacherOutput>,
     fit: &FitConfig,
     robust: Option<Reweighting>,
     config: &LossConfig,
 ) -> Losses {
     if fit.method == FitMethod::Field {
-        return field_losses(net, batch, shown, fit, config);
+        return field_losses(net, batch, teacher, fit, config);
     }
     let [images, _] = batch.depths.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
     let bases = net.bases(batch.images.clone(), batch.encoded.clone());
     let (bases, at_points) = bases.hidden_and_first(batch.size, &batch.pixels, points);
-    let spans = shown.and_then(|shown| shown.span_loss(&bases, &batch.depths, config));
+    let span = teacher.and_then(|teacher| teacher.span_loss(&bases, &batch.depths, config));
 
     let at_points = at_points.repeat_dim(0, draws);
     let functions = at_points.dims()[2];
@@ -65,19 +65,14 @@ pub fn losses(
         fitted = fitted + field.clone();
     }
     let flat = batch.weights.clone().map(|weights| weights.flatten(1, 2));
-    let counts = Counts {
-        fits: shares(batch, config),
+    let error_weights = ErrorWeights {
+        fits: fit_weights(batch, config),
         pixels: flat.map(|weights| at_pixels(weights, &batch.pixels)),
     };
-    let mut losses = compared(
-        fitted,
-        &batch.depths,
-        &counts,
-        (points, batch.patch),
-        config,
-    );
-    let affinities = field.map(|(_, edges)| of_affinities(&edges, batch, shown, config));
-    let more = affinities.into_iter().flatten().chain(spans).chain(mean);
+    let patches = (points, batch.patch);
+    let mut losses = compared(fitted, &batch.depths, &error_weights, patches, config);
+    let edges = field.map(|(_, edges)| affinity_losses(&edges, batch, teacher, config));
+    let more = edges.into_iter().flatten().chain(span).chain(mean);
     losses.total = more.fold(losses.total, |sum, loss| sum + loss);
     if config.regularisation > 0.0 {
         losses.total = losses.total + weights.abs().mean() * config.regularisation;
@@ -126,11 +121,11 @@ pub(super) fn map_of_backbone() -> Error {
 pub(super) fn field_losses(
     net: &BasisNet,
     batch: &Batch,
-    shown: Option<&TeacherOutput>,
+    teacher: Option<&TeacherOutput>,
     fit: &FitConfig,
     config: &LossConfig,
 ) -> Losses {
-    let [images, height, width] = batch.maps.dims();
+    let [images, ..] = batch.maps.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
     let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
@@ -147,19 +142,11 @@ pub(super) fn field_losses(
                 ..*fit
             },
         );
-        let field = found.field.reshape([draws, images, height * width]);
-        let maps = batch.maps.clone().reshape([images, height * width]);
-        let weights = batch.weights.clone();
-        let counts = Counts {
-            fits: shares(batch, config),
-            pixels: weights.map(|weights| weights.reshape([images, height * width, 1])),
-        };
-        let field = field.permute([1, 2, 0]);
-        compared(field, &maps, &counts, (0, (height, width)), config)
+        compared_maps(found.field, batch, config)
     } else {
         Losses::only(Tensor::zeros([1], &device))
     };
-    let more = of_affinities(&edges, batch, shown, config).into_iter();
+    let more = affinity_losses(&edges, batch, teacher, config).into_iter();
     losses.total = more.fold(losses.total, |sum, loss| sum + loss);
     losses
 }
@@ -172,36 +159,39 @@ pub fn depth_losses(
     batch: &Batch,
     config: &LossConfig,
 ) -> Losses {
-    let [images, height, width] = batch.maps.dims();
-    let pixels = height * width;
-    let weights = batch.weights.clone();
-    let counts = Counts {
-        fits: shares(batch, config),
-        pixels: weights.map(|weights| weights.reshape([images, pixels, 1])),
-    };
-    let maps = batch.maps.clone().reshape([images, pixels]);
-    let beside = |depth: Tensor<3>| {
-        let draws = depth.dims()[0] / images;
-        let depth = depth.reshape([draws, images, pixels]).permute([1, 2, 0]);
-        compared(depth, &maps, &counts, (0, (height, width)), config)
-    };
-    let mut losses = beside(depth);
+    let whole = |depth: Tensor<3>| compared_maps(depth.flatten(1, 2), batch, config);
+    let mut losses = whole(depth);
     for other in others {
-        losses.total = losses.total + beside(other).total;
+        losses.total = losses.total + whole(other).total;
     }
     losses
 }
 
-/// The weighted losses of affinities themselves, as far as they are asked for.
-fn of_affinities(
+/// Compares depths `[draws * images, height * width]` with those of the whole images of a batch.
+fn compared_maps(depths: Tensor<2>, batch: &Batch, config: &LossConfig) -> Losses {
+    let [images, height, width] = batch.maps.dims();
+    let (draws, pixels) = (depths.dims()[0] / images, height * width);
+    let depths = depths.reshape([draws, images, pixels]).permute([1, 2, 0]);
+    let maps = batch.maps.clone().reshape([images, pixels]);
+    let weights = batch.weights.clone();
+    let weights = ErrorWeights {
+        fits: fit_weights(batch, config),
+        pixels: weights.map(|weights| weights.reshape([images, pixels, 1])),
+    };
+    compared(depths, &maps, &weights, (0, (height, width)), config)
+}
+
+/// The weighted losses of affinities themselves, as far as their weights are above 0.
+fn affinity_losses(
     edges: &Tensor<4>,
     batch: &Batch,
-    shown: Option<&TeacherOutput>,
+    teacher: Option<&TeacherOutput>,
     config: &LossConfig,
 ) -> Vec<Tensor<1>> {
-    let truth = (config.affinities > 0.0).then(|| steps(edges, &batch.maps) * config.affinities);
-    let teacher = shown.and_then(|shown| shown.affinity_loss(edges, config));
-    truth.into_iter().chain(teacher).collect()
+    let measured = (config.affinities > 0.0)
+        .then(|| step_neg_log_likelihood(edges, &batch.maps) * config.affinities);
+    let imitated = teacher.and_then(|teacher| teacher.affinity_loss(edges, config));
+    measured.into_iter().chain(imitated).collect()
 }
 
 /// The pixels of the candidate points of each image.
@@ -211,7 +201,7 @@ fn candidates(batch: &Batch) -> Vec<Vec<u32>> {
 }
 
 /// What the errors of each fit are multiplied by, `[images, 1, draws]`; nothing if all count the same.
-fn shares(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
+fn fit_weights(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
     if config.balance == 0.0 {
         return None;
     }

@@ -27,7 +27,7 @@ pub struct LossConfig {
     /// The absolute and root mean squared errors of a fit to n points are multiplied by (n / `supervision.points`)
     /// to this power, so that fits to few points, whose errors are larger by nature, do not drown the others.
     pub balance: f64,
-    /// How unlikely the steps of the true depth are, if edges say how far neighbours may differ;
+    /// How unlikely the steps of the true depth are, given how far affinities let neighbours differ;
     /// for fits with a field.
     #[serde(alias = "edges")]
     pub affinities: f64,
@@ -70,7 +70,7 @@ impl LossConfig {
     }
 
     /// Whether the network of a teacher is compared with.
-    pub fn imitates(&self) -> bool {
+    pub fn compares_networks(&self) -> bool {
         self.teacher_affinities > 0.0 || self.teacher_span > 0.0
     }
 
@@ -90,7 +90,7 @@ impl LossConfig {
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
             && (0.0..=1.0).contains(&self.balance)
             && (self.l1 + self.l2 + self.rmse + self.berhu + self.mean + self.affinities > 0.0
-                || self.imitates())
+                || self.compares_networks())
         {
             Ok(())
         } else {

@@ -6,16 +6,16 @@ use burn::tensor::{Device, Tensor};
 
 /// Muon for tensors of any rank: the first axis against all others.
 #[derive(Clone)]
-pub(super) struct Flattened(Muon);
+pub(super) struct FlattenedMuon(Muon);
 
-impl Flattened {
+impl FlattenedMuon {
     pub(super) fn new() -> Self {
         let config = MuonConfig::new().with_adjust_lr_fn(AdjustLrFn::MatchRmsAdamW);
         Self(config.build())
     }
 }
 
-impl Optimizer for Flattened {
+impl Optimizer for FlattenedMuon {
     type State<const D: usize> = MuonState<2>;
 
     fn step<const D: usize>(
@@ -54,7 +54,7 @@ mod tests {
         let values: Vec<f32> = (0..rows * columns).map(|_| rng.normal()).collect();
         let gradient = Tensor::<4>::from_data(TensorData::new(values.clone(), SHAPE), &device);
         let start = Tensor::<4>::zeros(SHAPE, &device);
-        let (end, state) = Flattened::new().step(0.01, start, gradient, None);
+        let (end, state) = FlattenedMuon::new().step(0.01, start, gradient, None);
         assert_eq!(end.dims(), SHAPE);
         assert!(state.is_some());
 

@@ -3,7 +3,7 @@
 //! have no depth: each share has its own). Batch normalisation sees one share at a time, and its
 //! running statistics follow the first.
 
-use super::step::Step;
+use super::step::StepLosses;
 use crate::sample::Batch;
 use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
@@ -17,8 +17,8 @@ use lsdc_files::error::{Cause, Error, Result};
 pub(super) fn gradients<M: Module>(
     net: &M,
     shares: &[Batch],
-    compute: impl Fn(&M, &Batch, f64) -> Result<(GradientsParams, Step)> + Sync,
-) -> Result<(GradientsParams, Step)> {
+    compute: impl Fn(&M, &Batch, f64) -> Result<(GradientsParams, StepLosses)> + Sync,
+) -> Result<(GradientsParams, StepLosses)> {
     let images = |batch: &Batch| batch.pixels.len() as f64;
     let all: f64 = shares.iter().map(images).sum();
     let part = |batch: &Batch| images(batch) / all;
@@ -45,7 +45,7 @@ pub(super) fn gradients<M: Module>(
     })?;
     let device = first.depths.device().inner();
     let mut sum = GradientsAccumulator::new();
-    let mut step = Step::default();
+    let mut step = StepLosses::default();
     for (share, (gradients, losses)) in shares.iter().zip(results) {
         sum.accumulate(net, gradients.to_device(&device, net));
         step.add(&losses, part(share));
@@ -88,7 +88,7 @@ mod tests {
         Batch {
             images: Tensor::from_data(colours, device),
             encoded: None,
-            entering: None,
+            tokens: None,
             size: SIZE,
             pixels: vec![(0..PIXELS as u32).collect(); count],
             measured: Tensor::from_data(TensorData::new(depths.clone(), [count, PIXELS]), device),
@@ -135,7 +135,7 @@ mod tests {
         config.init(0, device).unwrap()
     }
 
-    fn run(net: &BasisNet, shares: &[Batch]) -> (Vec<f32>, Step) {
+    fn run(net: &BasisNet, shares: &[Batch]) -> (Vec<f32>, StepLosses) {
         let loss = LossConfig {
             rmse: 1.0,
             gradient: 0.0,
@@ -147,7 +147,7 @@ mod tests {
         };
         let (found, step) = gradients(net, shares, |net, batch, part| {
             let losses = losses(net, batch, None, &fit, None, &loss);
-            let step = Step::of(&losses);
+            let step = StepLosses::of(&losses);
             let gradients = (losses.total * part).backward();
             Ok((GradientsParams::from_grads(gradients, net), step))
         })

@@ -1,9 +1,9 @@
 //! What a run measures, and what its weights file holds beside the network.
 
-use super::record::Record;
+use super::record::TrainingRecord;
 use super::run::{Subject, Trainer};
-use lsdc_eval::metrics::{Rules, Scores, Tally};
-use lsdc_eval::predict::Completes;
+use lsdc_eval::metrics::{Rules, ScoreAccumulator, Scores};
+use lsdc_eval::predict::DepthCompleter;
 use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::{Cause, Error, Result};
 use serde_json::{Value, json};
@@ -14,15 +14,15 @@ impl<S: Subject> Trainer<S> {
     ///
     /// # Errors
     /// Frames that cannot be read or completed.
-    pub(super) fn measure(&self, method: &dyn Completes) -> Result<Scores> {
-        let mut tally = Tally::default();
+    pub(super) fn measure(&self, method: &dyn DepthCompleter) -> Result<Scores> {
+        let mut accumulator = ScoreAccumulator::default();
         for &index in &self.held_out {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
             let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
             let depth = method.depth(&frame.rgb, &sparse)?;
-            tally.add(&Scores::of(&depth, &frame.depth, &Rules::default())?);
+            accumulator.add(&Scores::of(&depth, &frame.depth, &Rules::default())?);
         }
-        Ok(tally.mean().unwrap_or_default())
+        Ok(accumulator.mean().unwrap_or_default())
     }
 
     /// The same as weights files hold them; nothing if no frame is kept out.
@@ -31,7 +31,7 @@ impl<S: Subject> Trainer<S> {
     /// Those of the method, or frames that cannot be read or completed.
     pub fn scores_note(
         &self,
-        method: impl FnOnce() -> Result<Box<dyn Completes>>,
+        method: impl FnOnce() -> Result<Box<dyn DepthCompleter>>,
     ) -> Result<Option<String>> {
         if self.held_out.is_empty() {
             return Ok(None);
@@ -56,10 +56,10 @@ impl<S: Subject> Trainer<S> {
             .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))
     }
 
-    /// What weights files tell of the run, whose subject has these settings.
-    pub(super) fn record(&self, mut settings: Value) -> Result<Record> {
+    /// The record of the run for weights files; its subject has these settings.
+    pub(super) fn record(&self, mut settings: Value) -> Result<TrainingRecord> {
         settings["train"] = json!(self.config);
         settings["devices"] = json!(self.devices.len());
-        Record::new(&self.config, self.data.clone(), settings)
+        TrainingRecord::new(&self.config, self.data.clone(), settings)
     }
 }

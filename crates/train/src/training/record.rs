@@ -1,9 +1,9 @@
-//! What the weights of a run tell of how they were made.
+//! The record of a run in its weights: how they were made.
 
 use super::TrainConfig;
 use super::log::seconds;
 use lsdc_files::error::Result;
-use lsdc_weights::history::{self, Made, Source};
+use lsdc_weights::history::{self, HistoryEntry, SourceWeights};
 use lsdc_weights::open_weights;
 use lsdc_weights::{identity, read_tensors};
 use serde_json::Value;
@@ -11,23 +11,23 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Known before the first step, so that files which are gone after the last one are missed by nobody.
-pub struct Record {
+pub struct TrainingRecord {
     /// Of the weights that it starts from.
-    before: Vec<Made>,
-    of: Vec<Source>,
+    before: Vec<HistoryEntry>,
+    sources: Vec<SourceWeights>,
     data: Value,
     settings: Value,
 }
 
-impl Record {
+impl TrainingRecord {
     pub(super) fn new(config: &TrainConfig, data: Value, settings: Value) -> Result<Self> {
-        let (mut before, mut of) = (Vec::new(), Vec::new());
+        let (mut before, mut sources) = (Vec::new(), Vec::new());
         if let Some(start) = &config.start {
-            before = history::of(&open_weights(Some(start))?.notes)?;
-            of.push(Source::told_before("start", Some(start))?);
+            before = history::read(&open_weights(Some(start))?.notes)?;
+            sources.push(SourceWeights::without_history("start", Some(start))?);
         }
         if let Some(path) = &config.backbone.pretrained {
-            of.push(Source {
+            sources.push(SourceWeights {
                 role: "backbone".to_owned(),
                 weights: path.display().to_string(),
                 contents: identity(&read_tensors(path)?),
@@ -35,11 +35,11 @@ impl Record {
             });
         }
         if let Some(teacher) = &config.teacher {
-            of.push(Source::open("teacher", &teacher.weights)?);
+            sources.push(SourceWeights::open("teacher", &teacher.weights)?);
         }
         Ok(Self {
             before,
-            of,
+            sources,
             data,
             settings,
         })
@@ -49,13 +49,13 @@ impl Record {
     ///
     /// # Errors
     /// Notes or a log that cannot be read.
-    pub fn keep(self, notes: &mut BTreeMap<String, String>, folder: &Path) -> Result<()> {
-        let made = Made {
-            of: self.of,
+    pub fn add_to(self, notes: &mut BTreeMap<String, String>, folder: &Path) -> Result<()> {
+        let made = HistoryEntry {
+            sources: self.sources,
             data: self.data,
             settings: self.settings,
             seconds: seconds(folder)?,
-            ..Made::now("train")
+            ..HistoryEntry::now("train")
         };
         history::add(notes, self.before.into_iter().chain([made]))
     }

@@ -2,8 +2,8 @@
 
 use super::checkpoint::Checkpoints;
 use super::learner::Objective;
-use super::log::{Event, Log};
-use super::record::Record;
+use super::log::{Log, TrainingEvent};
+use super::record::TrainingRecord;
 use super::setup::{input_size, sampler};
 use super::{Learner, TrainConfig};
 use crate::device::Device;
@@ -11,7 +11,7 @@ use crate::sample::{Batch, Loader, Sample, Sampler};
 use burn::module::Module;
 use lsdc_core::weights::Normalisation;
 use lsdc_eval::data::{Dataset, Mixture, Shard, frames_record};
-use lsdc_eval::predict::Completes;
+use lsdc_eval::predict::DepthCompleter;
 use lsdc_files::error::{Error, Result};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use std::time::Instant;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum RunOutcome {
     /// All steps were made; `weights.safetensors` is written.
     Finished,
     /// Stopped on request after this many steps; a checkpoint is written.
@@ -54,13 +54,13 @@ pub trait Subject: Sized {
     ///
     /// # Errors
     /// A network that cannot be used.
-    fn completes(&self, run: &Trainer<Self>, net: &Self::Net) -> Result<Box<dyn Completes>>;
+    fn completes(&self, run: &Trainer<Self>, net: &Self::Net) -> Result<Box<dyn DepthCompleter>>;
 
     /// Writes [`weights_path`](Trainer::weights_path) once all steps are made.
     ///
     /// # Errors
     /// A file that cannot be written.
-    fn publish(&self, run: &Trainer<Self>, net: &Self::Net, record: Record) -> Result<()>;
+    fn publish(&self, run: &Trainer<Self>, net: &Self::Net, record: TrainingRecord) -> Result<()>;
 }
 
 /// What learns in the run of a subject.
@@ -116,12 +116,12 @@ impl<S: Subject> Trainer<S> {
         })
     }
 
-    /// Computes what the run keeps in files of the frames of a shard: the answers of its teacher, and what its
-    /// encoder says of their views. Returns whether all was done before `stop` was set; calls `progress` with the
+    /// Computes the cached files of the frames of a shard: the predictions of the teacher, and the features of their
+    /// views. Returns whether all was done before `stop` was set; calls `progress` with the
     /// number of frames done and of all.
     ///
     /// # Errors
-    /// Settings by which nothing is kept, frames that cannot be read, or files that cannot be written.
+    /// Settings by which nothing is cached, frames that cannot be read, or files that cannot be written.
     pub fn prepare(
         &self,
         shard: Shard,
@@ -130,10 +130,10 @@ impl<S: Subject> Trainer<S> {
     ) -> Result<bool> {
         let config = &self.config;
         let features = self.sampler.is_encoded() && config.features.is_some() && config.views > 0;
-        let answers = config
-            .completing()
+        let predictions = config
+            .depth_teacher()
             .is_some_and(|teacher| teacher.folder.is_some());
-        if !features && !answers {
+        if !features && !predictions {
             return Err(Error::config("by these settings, nothing is kept in files").hint(
                 "set `train.teacher.folder`, or for networks with an encoder `train.features` and `train.views`",
             ));
@@ -154,25 +154,25 @@ impl<S: Subject> Trainer<S> {
     ///
     /// # Errors
     /// Unreadable frames, an unwritable folder, or a loss that is not finite.
-    pub fn run(&self, stop: &AtomicBool, report: impl FnMut(&Event)) -> Result<Outcome> {
+    pub fn run(&self, stop: &AtomicBool, report: impl FnMut(&TrainingEvent)) -> Result<RunOutcome> {
         let device = self.device().clone().autodiff();
         // Before the first step: files that it names may be gone after the last.
         let record = self.record(self.subject.settings())?;
         let learner = self.subject.learner(self, &device)?;
-        let (learner, outcome) = self.go_on(learner, stop, report)?;
-        if outcome == Outcome::Finished {
+        let (learner, outcome) = self.take_steps(learner, stop, report)?;
+        if outcome == RunOutcome::Finished {
             self.subject.publish(self, learner.net(), record)?;
         }
         Ok(outcome)
     }
 
     /// All steps that are left.
-    fn go_on(
+    fn take_steps(
         &self,
         mut learner: Learner<S::Net, S::Objective>,
         stop: &AtomicBool,
-        mut report: impl FnMut(&Event),
-    ) -> Result<(LearnerOf<S>, Outcome)> {
+        mut report: impl FnMut(&TrainingEvent),
+    ) -> Result<(LearnerOf<S>, RunOutcome)> {
         let checkpoints = Checkpoints::new(&self.folder);
         let mut step = 0;
         if let Some(&last) = checkpoints.steps().last() {
@@ -180,7 +180,7 @@ impl<S: Subject> Trainer<S> {
             step = last;
         }
         let mut log = Log::open(&self.folder, step)?;
-        let mut tell = |event: Event| -> Result<()> {
+        let mut log_event = |event: TrainingEvent| -> Result<()> {
             report(&event);
             log.add(&event)
         };
@@ -197,7 +197,7 @@ impl<S: Subject> Trainer<S> {
             let (next, made) = learner.step(&shares, rate, step + 1)?;
             learner = next;
             step += 1;
-            tell(Event::Step {
+            log_event(TrainingEvent::Step {
                 step,
                 loss: made.loss,
                 l1: made.l1,
@@ -208,17 +208,17 @@ impl<S: Subject> Trainer<S> {
             let last = step == self.config.steps;
             if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
                 let held_out = self.measure(&*self.subject.completes(self, learner.net())?)?;
-                tell(Event::Measured { step, held_out })?;
+                log_event(TrainingEvent::Measured { step, held_out })?;
             }
             let stopping = stop.load(Ordering::Relaxed);
             if step.is_multiple_of(self.config.save_every) || last || stopping {
                 checkpoints.save(step, &learner)?;
             }
             if stopping && !last {
-                return Ok((learner, Outcome::Stopped(step)));
+                return Ok((learner, RunOutcome::Stopped(step)));
             }
         }
-        Ok((learner, Outcome::Finished))
+        Ok((learner, RunOutcome::Finished))
     }
 
     /// The folder of the run.
@@ -248,16 +248,13 @@ impl<S: Subject> Trainer<S> {
 
     /// A batch, divided among the devices as evenly as can be.
     fn divided(&self, samples: &[Sample]) -> Result<Vec<Batch>> {
-        let Normalisation {
-            mean, deviation, ..
-        } = self.normalisation;
         let count = self.devices.len();
         let bound = |i: usize| i * samples.len() / count;
         let devices = self.devices.iter().enumerate();
         devices
             .map(|(i, device)| {
                 let share = &samples[bound(i)..bound(i + 1)];
-                Batch::new(share, mean, deviation, &device.clone().autodiff())
+                Batch::new(share, self.normalisation, &device.clone().autodiff())
             })
             .collect()
     }
@@ -287,13 +284,13 @@ fn check(config: &TrainConfig, mixture: &Mixture, devices: &[Device]) -> Result<
         ))
         .hint("give one device at least, and at most `train.batch`"));
     }
-    if !mixture.measured() && config.completing().is_none() {
+    if !mixture.has_depth() && config.depth_teacher().is_none() {
         return Err(Error::config(
             "images without depths teach nothing without a teacher's depths",
         )
         .hint("set `train.teacher`, its `target` to \"images\", \"fill\" or \"all\", or `data.folder.depth`"));
     }
-    if !mixture.first().measured() && (config.held_out > 0 || config.calibrate) {
+    if !mixture.first().has_depth() && (config.held_out > 0 || config.calibrate) {
         return Err(
             Error::config("the first dataset has no depths to measure and calibrate on")
                 .hint("name one with depths first, and images alone in `data.more`"),

@@ -14,7 +14,7 @@ pub struct Scenes {
 }
 
 impl Scenes {
-    /// The scenes that a list names (`FRAME,SCENE` in each line, for all frames), else those that the dataset knows, else
+    /// The scenes that a list names (`FRAME,SCENE` in each line, for all frames), else those of the dataset, else
     /// the first folder in which the names of frames differ. Without folders, or with one scene only, scenes are unknown,
     /// and every frame counts as one.
     ///
@@ -22,11 +22,11 @@ impl Scenes {
     /// A list that cannot be read, or has no scene for a frame.
     pub fn of(frames: &dyn Dataset, list: Option<&Path>) -> Result<Self> {
         let names: Vec<String> = (0..frames.len()).map(|index| frames.id(index)).collect();
-        let told: Option<Vec<String>> = match list {
+        let known: Option<Vec<String>> = match list {
             Some(path) => Some(listed(path, &names)?),
             None => (0..frames.len()).map(|index| frames.scene(index)).collect(),
         };
-        let found = told.or_else(|| folders(&names));
+        let found = known.or_else(|| folders(&names));
         let found = found.filter(|scenes| scenes.iter().any(|scene| *scene != scenes[0]));
         Ok(Self {
             known: found.is_some(),
@@ -92,25 +92,26 @@ impl Scenes {
         let count = count.min(self.of.len() / 2);
         let fewest = count.min(scenes.len() / 10);
         let mut left = self.of.len() / 2;
-        let mut held: HashMap<&str, bool> = HashMap::new();
-        let (mut taken, mut of_frames) = (0, 0);
+        let mut is_held_out: HashMap<&str, bool> = HashMap::new();
+        let (mut scene_count, mut frame_count) = (0, 0);
         for scene in scenes {
             let size = sizes[scene];
-            let wanted = (taken < fewest || of_frames < count) && size <= left;
-            if wanted {
-                (taken, of_frames, left) = (taken + 1, of_frames + size, left - size);
+            let hold_out = (scene_count < fewest || frame_count < count) && size <= left;
+            if hold_out {
+                (scene_count, frame_count, left) =
+                    (scene_count + 1, frame_count + size, left - size);
             }
-            held.insert(scene, wanted);
+            is_held_out.insert(scene, hold_out);
         }
         let all = 0..self.of.len();
-        let (held, training): (Vec<usize>, Vec<usize>) =
-            all.partition(|&index| held[self.name(index)]);
-        let mut measured = self.spread(frames, &held, "held out");
+        let (held_out, training): (Vec<usize>, Vec<usize>) =
+            all.partition(|&index| is_held_out[self.name(index)]);
+        let mut measured = self.spread(frames, &held_out, "held out");
         measured.truncate(count);
-        if held.len() > measured.len() {
+        if held_out.len() > measured.len() {
             tracing::info!(
-                "{taken} scenes of {} frames are held out; {} of these frames are measured",
-                held.len(),
+                "{scene_count} scenes of {} frames are held out; {} of these frames are measured",
+                held_out.len(),
                 measured.len()
             );
         }
@@ -162,7 +163,7 @@ mod tests {
     struct Named(Vec<String>);
 
     impl Dataset for Named {
-        fn about(&self) -> String {
+        fn description(&self) -> String {
             "names".into()
         }
 

@@ -55,8 +55,8 @@ impl Schedule {
             }
             Self::Cosine { warmup } if progress < warmup => progress / warmup,
             Self::Cosine { warmup } => {
-                let rest = (progress - warmup) / (1.0 - warmup).max(1e-9);
-                0.5 * (1.0 + (std::f64::consts::PI * rest).cos())
+                let remaining = (progress - warmup) / (1.0 - warmup).max(1e-9);
+                0.5 * (1.0 + (std::f64::consts::PI * remaining).cos())
             }
         }
     }

@@ -3,8 +3,8 @@
 use super::distillation::DistilledDataset;
 use super::efficientnet::read_backbone;
 use super::loss::map_of_backbone;
-use super::{BackboneTraining, Part, TrainConfig};
-use crate::model::{BasisNet, fill};
+use super::{BackboneTraining, TrainConfig, TrainedPart};
+use crate::model::{BasisNet, fill_part};
 use crate::sample::{Order, Sampler, SamplerConfig};
 use lsdc_core::Weights;
 use lsdc_core::network::{AdapterConfig, NetworkConfig};
@@ -16,11 +16,15 @@ use lsdc_weights::open_weights;
 use std::sync::Arc;
 
 /// The weights of the teacher, if its network is compared with.
-pub(super) fn imitated(
+pub(super) fn teacher_weights(
     config: &TrainConfig,
     normalisation: &Normalisation,
 ) -> Result<Option<Weights>> {
-    let Some(teacher) = config.teacher.as_ref().filter(|_| config.loss.imitates()) else {
+    let Some(teacher) = config
+        .teacher
+        .as_ref()
+        .filter(|_| config.loss.compares_networks())
+    else {
         return Ok(None);
     };
     let weights = open_weights(Some(&teacher.weights))?;
@@ -60,19 +64,19 @@ pub(super) fn start_adapters(start: &NetworkConfig, network: &NetworkConfig) -> 
 
 /// Whether a network has what `config` trains.
 pub(super) fn check_network(network: &NetworkConfig, config: &TrainConfig) -> Result<()> {
-    if config.part == Part::Affinities && network.affinities == 0 {
+    if config.part == TrainedPart::Affinities && network.affinities == 0 {
         return Err(Error::config(
             "`train.part = \"affinities\"` needs a network with `affinities` above 0",
         ));
     }
-    if config.loss.mean > 0.0 && (!network.mean || config.part == Part::Affinities) {
+    if config.loss.mean > 0.0 && (!network.mean || config.part == TrainedPart::Affinities) {
         return Err(Error::config(
             "`train.loss.mean` needs a network with `mean = true` whose basis functions are trained",
         )
         .hint("set `preset = \"lite\"` or \"taught\", or leave it at 0"));
     }
     let backbone = network.extractor.backbone.is_some();
-    if config.part == Part::Map && !backbone {
+    if config.part == TrainedPart::Map && !backbone {
         return Err(map_of_backbone());
     }
     if config.backbone != BackboneTraining::default() && !backbone {
@@ -91,7 +95,7 @@ pub(super) fn with_backbone(
     config: &BackboneTraining,
 ) -> Result<BasisNet> {
     match (&config.pretrained, network.extractor.backbone) {
-        (Some(path), Some(backbone)) => fill(read_backbone(path, backbone)?, net),
+        (Some(path), Some(backbone)) => fill_part(read_backbone(path, backbone)?, net),
         _ => Ok(net),
     }
 }
@@ -109,7 +113,7 @@ pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler>
     });
     let order = Order::new(parts.collect())?;
     let mixture: Arc<dyn Dataset> = Arc::new(mixture);
-    let (frames, protocol): (Arc<dyn Dataset>, _) = match config.completing() {
+    let (frames, protocol): (Arc<dyn Dataset>, _) = match config.depth_teacher() {
         None => (mixture, config.protocol),
         Some(teacher) => (
             Arc::new(DistilledDataset::new(mixture, config.protocol, teacher)?),
@@ -157,7 +161,7 @@ mod tests {
         refused(&NetworkConfig::small(), &config, words);
         check_network(&NetworkConfig::lite_small(), &config).unwrap();
         let config = TrainConfig {
-            part: Part::Map,
+            part: TrainedPart::Map,
             loss: LossConfig::of_map(1.0),
             ..TrainConfig::default()
         };

@@ -1,11 +1,11 @@
-//! What one step of training says of itself.
+//! The losses of one step of training.
 
 use super::Losses;
 use burn::tensor::Tensor;
 
 /// The losses of one batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Step {
+pub struct StepLosses {
     /// The weighted sum.
     pub loss: f64,
     /// Mean absolute error in metres.
@@ -14,7 +14,7 @@ pub struct Step {
     pub l2: f64,
 }
 
-impl Step {
+impl StepLosses {
     pub(super) fn of(losses: &Losses) -> Self {
         let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
         Self {

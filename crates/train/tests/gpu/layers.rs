@@ -4,8 +4,8 @@ use crate::{gpu, off};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc_rng::Rng;
 use lsdc_train::ops::conv::{ConvSpec, conv2d};
-use lsdc_train::ops::conv_norm::{ConvNormSpec, Fixed, conv_norm};
-use lsdc_train::ops::interpolate::{Cell, interpolate};
+use lsdc_train::ops::conv_norm::{ConvNormSpec, FixedNorm, conv_norm};
+use lsdc_train::ops::interpolate::{BilinearCell, interpolate};
 use lsdc_train::ops::norm::{NormSpec, moments, normalise};
 
 /// Numbers of a name, around `mean`.
@@ -147,7 +147,7 @@ fn convolutions_with_normalisation_agree() {
             let vector = |name, mean| tensor([outputs], (name, mean), device, dtype);
             let gain = vector("gain", 0.5).require_grad();
             let shift = vector("shift", 0.2).require_grad();
-            let fixed = Fixed {
+            let fixed = FixedNorm {
                 gain: gain.clone(),
                 shift: shift.clone(),
                 mean: vector("mean", 0.0),
@@ -176,12 +176,12 @@ fn reading_between_pixels_agrees() {
         ([1, 7, 32], 0),
     ] {
         let mut rng = Rng::stream(0, &["between", &count.to_string()]);
-        let mut cell = || Cell {
+        let mut cell = || BilinearCell {
             rows: std::array::from_fn(|_| rng.below(rows as u32)),
             shares: std::array::from_fn(|_| rng.normal()),
         };
         let mut list = || (0..count).map(|_| cell()).collect();
-        let cells: Vec<Vec<Cell>> = (0..images).map(|_| list()).collect();
+        let cells: Vec<Vec<BilinearCell>> = (0..images).map(|_| list()).collect();
         check(
             &format!("{images} {rows} {channels}"),
             1e-6,

@@ -127,8 +127,7 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
                     .chunks(samples.len() - share * (devices.len() - 1))
                     .zip(devices)
                     .map(|(part, device)| {
-                        let colours = Normalisation::default();
-                        sample::Batch::new(part, colours.mean, colours.deviation, device).unwrap()
+                        sample::Batch::new(part, Normalisation::default(), device).unwrap()
                     })
                     .collect();
                 assert_eq!(shares.len(), devices.len());

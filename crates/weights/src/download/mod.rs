@@ -1,15 +1,15 @@
 //! Encoders from where they are published, over HTTP.
 //!
-//! What arrives is a file that says by itself which encoder it is ([`recognise`](super::recognise)), so that servers and
-//! mirrors need not be trusted. A download goes on where it broke, in this run or the next, if the server says that its
-//! file is the same ([`Part`]).
+//! A file is recognised by its values ([`recognise`](super::recognise)), so that servers and mirrors need not be
+//! trusted. A download is resumed where it broke, in this run or the next, if the server confirms that its
+//! file is the same ([`PartialDownload`]).
 
 mod part;
 
-use super::known::Known;
-use super::store::{Added, Store};
+use super::known::KnownEncoder;
+use super::store::{Installation, Store};
 use lsdc_files::error::{Cause, Error, Result};
-use part::{Origin, Part, remove, remove_parts};
+use part::{Origin, PartialDownload, remove, remove_parts};
 use std::io::Read as _;
 use std::net::IpAddr;
 use std::slice::from_ref;
@@ -22,46 +22,46 @@ use ureq::{Agent, Body, Proxy};
 
 /// What a download may take.
 #[derive(Clone, Copy, Debug)]
-pub struct Limits {
+pub struct DownloadLimits {
     /// Bytes of the file.
     pub bytes: u64,
     /// Connections, each of which must bring something.
     pub connections: usize,
-    /// How long a server may be silent.
-    pub silence: Duration,
+    /// The longest time without a byte from the server.
+    pub timeout: Duration,
 }
 
-impl Default for Limits {
+impl Default for DownloadLimits {
     fn default() -> Self {
         Self {
             bytes: 1 << 28,
             connections: 50,
-            silence: Duration::from_mins(1),
+            timeout: Duration::from_mins(1),
         }
     }
 }
 
 /// How a download goes.
 #[derive(Debug)]
-pub enum Event<'a> {
-    /// A server answers; so many bytes were there before.
-    Begun {
+pub enum DownloadEvent<'a> {
+    /// A server has answered.
+    Started {
         /// Where the file comes from.
-        place: &'a str,
-        /// Bytes that an earlier connection has brought.
-        before: u64,
-        /// Bytes of the file, if the server says so.
-        total: Option<u64>,
+        url: &'a str,
+        /// Bytes of earlier connections, from which the download is resumed.
+        resumed_bytes: u64,
+        /// Bytes of the file, if the server sends their number.
+        total_bytes: Option<u64>,
     },
-    /// So many bytes are there.
-    Reached(u64),
+    /// Bytes of the file that have arrived.
+    Progress(u64),
     /// The connection broke, and another one is opened.
-    Broken(&'a Error),
-    /// A place has failed, and another one is asked.
-    Elsewhere(&'a Error),
+    Interrupted(&'a Error),
+    /// An address has failed, and the next one is tried.
+    NextUrl(&'a Error),
 }
 
-/// Downloads an encoder from the first of `places` that has it, checks it, and adds it to the store. One that is there
+/// Downloads an encoder from the first of `urls` that has it, checks it, and adds it to the store. One that is there
 /// is replaced if `replace` is set.
 ///
 /// # Errors
@@ -69,50 +69,50 @@ pub enum Event<'a> {
 /// something else.
 pub fn get(
     store: &Store,
-    known: &Known,
-    places: &[&str],
+    known: &KnownEncoder,
+    urls: &[&str],
     replace: bool,
-    limits: &Limits,
-    tell: &mut dyn FnMut(Event<'_>),
-) -> Result<Added> {
-    if store.path(known).exists() && !replace {
-        return store.load(known).map(|_| Added::Before);
+    limits: &DownloadLimits,
+    on_event: &mut dyn FnMut(DownloadEvent<'_>),
+) -> Result<Installation> {
+    if store.path(known).exists() && store.has_head(known) && !replace {
+        return store.load(known).map(|_| Installation::Unchanged);
     }
-    let mut failed = None;
-    for place in places {
-        if let Some(error) = &failed {
-            tell(Event::Elsewhere(error));
+    let mut last_error = None;
+    for url in urls {
+        if let Some(error) = &last_error {
+            on_event(DownloadEvent::NextUrl(error));
         }
-        match get_from(store, known, place, limits, tell) {
+        match get_from_url(store, known, url, limits, on_event) {
             Ok(()) => {
                 remove_parts(store.folder(), known);
-                return Ok(Added::New);
+                return Ok(Installation::New);
             }
             // No other place helps.
             Err(error) if error.cause() == Cause::Write => return Err(error),
-            Err(error) => failed = Some(error),
+            Err(error) => last_error = Some(error),
         }
     }
-    let error = failed.unwrap_or_else(|| Error::config("there is no place to download from"));
+    let error = last_error.unwrap_or_else(|| Error::config("there is no place to download from"));
     Err(match error.advice() {
         Some(_) => error,
         None => error.hint(format!(
             "`lsdc weights add FILE` takes the file from {}, however you get it",
-            known.places.first().unwrap_or(&"elsewhere")
+            known.urls.first().unwrap_or(&"elsewhere")
         )),
     })
 }
 
-fn get_from(
+fn get_from_url(
     store: &Store,
-    known: &Known,
-    place: &str,
-    limits: &Limits,
-    tell: &mut dyn FnMut(Event<'_>),
+    known: &KnownEncoder,
+    url: &str,
+    limits: &DownloadLimits,
+    on_event: &mut dyn FnMut(DownloadEvent<'_>),
 ) -> Result<()> {
-    let mut part = Part::open(store.folder(), known, place)?;
+    let mut part = PartialDownload::open(store.folder(), known, url)?;
     if !part.is_whole()
-        && let Err(error) = fetch(place, &mut part, limits, tell)
+        && let Err(error) = fetch(url, &mut part, limits, on_event)
     {
         if part.length() == 0 || part.version().is_none() {
             part.remove();
@@ -124,7 +124,7 @@ fn get_from(
         Err(error) if error.cause() != Cause::Write => {
             remove(&path);
             let name = known.name;
-            let what = format!("what `{place}` sends is not {name}");
+            let what = format!("what `{url}` sends is not {name}");
             Err(Error::new(Cause::Format, what).because(error))
         }
         added => added.map(|_| ()),
@@ -141,35 +141,35 @@ enum End {
 
 /// Completes a part, by as many connections as it takes.
 fn fetch(
-    place: &str,
-    part: &mut Part,
-    limits: &Limits,
-    tell: &mut dyn FnMut(Event<'_>),
+    url: &str,
+    part: &mut PartialDownload,
+    limits: &DownloadLimits,
+    on_event: &mut dyn FnMut(DownloadEvent<'_>),
 ) -> Result<()> {
-    let agent = agent(place, limits);
-    let mut reached = part.length();
+    let agent = agent(url, limits);
+    let mut length_before = part.length();
     for _ in 0..limits.connections {
-        let error = match connect(&agent, place, part, limits, tell) {
+        let error = match connect(&agent, url, part, limits, on_event) {
             Ok(End::Whole) => return Ok(()),
             Ok(End::Changed) => {
-                reached = 0;
+                length_before = 0;
                 continue;
             }
             Ok(End::Broken(error)) => error,
-            Err(error) => return Err(keeping(error, part)),
+            Err(error) => return Err(with_resume_hint(error, part)),
         };
-        if part.length() <= reached {
-            return Err(keeping(error, part));
+        if part.length() <= length_before {
+            return Err(with_resume_hint(error, part));
         }
-        reached = part.length();
-        tell(Event::Broken(&error));
+        length_before = part.length();
+        on_event(DownloadEvent::Interrupted(&error));
     }
-    let what = format!("{} connections to `{place}` broke", limits.connections);
-    Err(keeping(Error::new(Cause::Network, what), part))
+    let what = format!("{} connections to `{url}` broke", limits.connections);
+    Err(with_resume_hint(Error::new(Cause::Network, what), part))
 }
 
 /// Says what is left of a failed download.
-fn keeping(error: Error, part: &Part) -> Error {
+fn with_resume_hint(error: Error, part: &PartialDownload) -> Error {
     match part.length() {
         0 => error,
         bytes if part.version().is_some() => error.hint(format!(
@@ -183,12 +183,12 @@ fn keeping(error: Error, part: &Part) -> Error {
 /// One request, and what it brings.
 fn connect(
     agent: &Agent,
-    place: &str,
-    part: &mut Part,
-    limits: &Limits,
-    tell: &mut dyn FnMut(Event<'_>),
+    url: &str,
+    part: &mut PartialDownload,
+    limits: &DownloadLimits,
+    on_event: &mut dyn FnMut(DownloadEvent<'_>),
 ) -> Result<End> {
-    let mut request = agent.get(place);
+    let mut request = agent.get(url);
     let before = part.length();
     if let Some(version) = part.version().filter(|_| before > 0) {
         request = request
@@ -197,11 +197,15 @@ fn connect(
     }
     let response = match request.call() {
         Ok(response) => response,
-        Err(error) => return Ok(End::Broken(lost("cannot reach", place).because(error))),
+        Err(error) => {
+            return Ok(End::Broken(
+                network_error("cannot reach", url).because(error),
+            ));
+        }
     };
     match response.status() {
-        StatusCode::PARTIAL_CONTENT if continues(&response, part) => {}
-        StatusCode::OK => part.begin(origin(place, &response))?,
+        StatusCode::PARTIAL_CONTENT if is_continuation(&response, part) => {}
+        StatusCode::OK => part.begin(origin(url, &response))?,
         StatusCode::PARTIAL_CONTENT | StatusCode::RANGE_NOT_SATISFIABLE if before > 0 => {
             part.begin(Origin::default())?;
             return Ok(End::Changed);
@@ -209,33 +213,33 @@ fn connect(
         status => {
             let reason = status.canonical_reason().unwrap_or_default();
             let what = format!("the answer is {} {reason} from", status.as_u16());
-            return Err(lost(&what, place));
+            return Err(network_error(&what, url));
         }
     }
-    receive(response, place, part, limits, tell)
+    receive(response, url, part, limits, on_event)
 }
 
 /// Adds what an answer brings to the part.
 fn receive(
     response: Response<Body>,
-    place: &str,
-    part: &mut Part,
-    limits: &Limits,
-    tell: &mut dyn FnMut(Event<'_>),
+    url: &str,
+    part: &mut PartialDownload,
+    limits: &DownloadLimits,
+    on_event: &mut dyn FnMut(DownloadEvent<'_>),
 ) -> Result<End> {
     let total = part.total();
     let too_long = || {
         let most = limits.bytes >> 20;
         let what = format!("more than {most} MiB, too much for an encoder, come from");
-        lost(&what, place)
+        network_error(&what, url)
     };
     if total.is_some_and(|total| total > limits.bytes) {
         return Err(too_long());
     }
-    tell(Event::Begun {
-        place,
-        before: part.length(),
-        total,
+    on_event(DownloadEvent::Started {
+        url,
+        resumed_bytes: part.length(),
+        total_bytes: total,
     });
     let mut body = response.into_body().into_reader();
     let mut buffer = vec![0; 1 << 16];
@@ -243,29 +247,29 @@ fn receive(
         let count = match body.read(&mut buffer) {
             Ok(0) => break None,
             Ok(count) => count,
-            Err(error) => break Some(lost("the connection broke to", place).because(error)),
+            Err(error) => break Some(network_error("the connection broke to", url).because(error)),
         };
         if part.length() + count as u64 > limits.bytes {
             part.begin(Origin::default())?;
             return Err(too_long());
         }
         part.append(&buffer[..count])?;
-        tell(Event::Reached(part.length()));
+        on_event(DownloadEvent::Progress(part.length()));
     };
     part.sync()?;
     Ok(match broken {
         Some(error) => End::Broken(error),
         None if total.is_none_or(|total| total == part.length()) => End::Whole,
-        None => End::Broken(lost("the file ends early from", place)),
+        None => End::Broken(network_error("the file ends early from", url)),
     })
 }
 
-fn lost(what: &str, place: &str) -> Error {
-    Error::new(Cause::Network, format!("{what} `{place}`"))
+fn network_error(what: &str, url: &str) -> Error {
+    Error::new(Cause::Network, format!("{what} `{url}`"))
 }
 
 /// Whether a partial answer begins where the part ends, in the same version of the file.
-fn continues(response: &Response<Body>, part: &Part) -> bool {
+fn is_continuation(response: &Response<Body>, part: &PartialDownload) -> bool {
     let range = header(response, &CONTENT_RANGE).unwrap_or_default();
     let starts = range.strip_prefix("bytes ").and_then(|range| {
         let (first, _) = range.split_once('-')?;
@@ -275,17 +279,17 @@ fn continues(response: &Response<Body>, part: &Part) -> bool {
     starts == Some(part.length()) && same
 }
 
-/// What a whole answer says about its file.
-fn origin(place: &str, response: &Response<Body>) -> Origin {
+/// What a whole answer declares about its file.
+fn origin(url: &str, response: &Response<Body>) -> Origin {
     let ranges = header(response, &ACCEPT_RANGES) != Some("none");
     Origin {
-        place: place.to_owned(),
+        url: url.to_owned(),
         version: version(response).filter(|_| ranges).map(str::to_owned),
         total: response.body().content_length(),
     }
 }
 
-/// What tells versions of a file apart, byte by byte (RFC 9110, 13.1.5): an entity tag that is not weak, or a date.
+/// What distinguishes versions of a file, byte by byte (RFC 9110, 13.1.5): an entity tag that is not weak, or a date.
 fn version(response: &Response<Body>) -> Option<&str> {
     let tag = header(response, &ETAG).filter(|tag| tag.starts_with('"'));
     tag.or_else(|| header(response, &LAST_MODIFIED))
@@ -295,25 +299,25 @@ fn header<'a>(response: &'a Response<Body>, name: &HeaderName) -> Option<&'a str
     response.headers().get(name)?.to_str().ok()
 }
 
-fn agent(place: &str, limits: &Limits) -> Agent {
-    let silence = Some(limits.silence);
-    let proxy = Proxy::try_from_env().filter(|_| !is_this_machine(place));
+fn agent(url: &str, limits: &DownloadLimits) -> Agent {
+    let timeout = Some(limits.timeout);
+    let proxy = Proxy::try_from_env().filter(|_| !is_this_machine(url));
     Agent::config_builder()
         .http_status_as_error(false)
         .user_agent(concat!("lsdc/", env!("CARGO_PKG_VERSION")))
         .accept_encoding("identity")
         .proxy(proxy)
-        .timeout_resolve(silence)
-        .timeout_connect(silence)
-        .timeout_recv_response(silence)
-        .timeout_per_read(silence)
+        .timeout_resolve(timeout)
+        .timeout_connect(timeout)
+        .timeout_recv_response(timeout)
+        .timeout_per_read(timeout)
         .build()
         .new_agent()
 }
 
 /// Whether no proxy leads there.
-fn is_this_machine(place: &str) -> bool {
-    let uri: Option<Uri> = place.parse().ok();
+fn is_this_machine(url: &str) -> bool {
+    let uri: Option<Uri> = url.parse().ok();
     let host = uri.as_ref().and_then(Uri::host).unwrap_or_default();
     let address: Option<IpAddr> = host.trim_matches(['[', ']']).parse().ok();
     host == "localhost" || address.is_some_and(|address| address.is_loopback())

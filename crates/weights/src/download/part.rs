@@ -1,6 +1,6 @@
 //! A file that arrives in parts.
 
-use crate::Known;
+use crate::KnownEncoder;
 use lsdc_files::error::{Cause, Error, Result};
 use lsdc_files::write_atomically;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,8 @@ const ENDING: &str = ".part";
 /// What the part of a file was part of.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Origin {
-    pub(super) place: String,
+    #[serde(rename = "place")]
+    pub(super) url: String,
     /// What changes when the file at that place does. Without it, nothing can be added to a part.
     pub(super) version: Option<String>,
     /// Bytes of the whole file.
@@ -22,20 +23,20 @@ pub(super) struct Origin {
 
 /// The beginning of a file, and a record of its origin beside it. No other program adds to it.
 #[derive(Debug)]
-pub(super) struct Part {
+pub(super) struct PartialDownload {
     path: PathBuf,
     file: File,
     length: u64,
     origin: Origin,
 }
 
-impl Part {
-    /// Opens what is there of the file at `place`, if anything.
+impl PartialDownload {
+    /// Opens what is there of the file at `url`, if anything.
     ///
     /// # Errors
     /// The folder cannot be written, or another program is at it.
-    pub(super) fn open(folder: &Path, known: &Known, place: &str) -> Result<Self> {
-        let path = part(folder, known, place);
+    pub(super) fn open(folder: &Path, known: &KnownEncoder, url: &str) -> Result<Self> {
+        let path = part(folder, known, url);
         let unwritable = |e| Error::write(&path, e);
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
         let mut options = File::options();
@@ -53,7 +54,7 @@ impl Part {
             file,
             length,
         };
-        let usable = part.origin.place == place
+        let usable = part.origin.url == url
             && (part.is_whole() || part.origin.version.is_some())
             && part.origin.total.is_none_or(|total| part.length <= total);
         if !usable {
@@ -118,7 +119,7 @@ impl Part {
 }
 
 /// Removes all parts of files of an encoder that no other program is at.
-pub(super) fn remove_parts(folder: &Path, known: &Known) {
+pub(super) fn remove_parts(folder: &Path, known: &KnownEncoder) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
         let name = entry.file_name();
@@ -137,10 +138,10 @@ pub(super) fn remove(part: &Path) {
     let _ = std::fs::remove_file(part);
 }
 
-/// Where the part of the file at `place` is: each place has its own.
-fn part(folder: &Path, known: &Known, place: &str) -> PathBuf {
-    let place = lsdc_rng::hash(&[place]);
-    folder.join(format!("{}-{place:016x}{ENDING}", known.weights))
+/// Where the part of the file at `url` is: each place has its own.
+fn part(folder: &Path, known: &KnownEncoder, url: &str) -> PathBuf {
+    let hash = lsdc_rng::hash(&[url]);
+    folder.join(format!("{}-{hash:016x}{ENDING}", known.weights))
 }
 
 fn record(part: &Path) -> PathBuf {

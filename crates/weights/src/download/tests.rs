@@ -39,26 +39,30 @@ fn rest(from: usize, headers: &[String]) -> Answer {
 }
 
 struct Run {
-    result: Result<Added>,
+    result: Result<Installation>,
     /// What was said, a word for each event; those of progress once.
-    told: Vec<String>,
+    events: Vec<String>,
 }
 
-fn run(store: &Store, places: &[&str], limits: &Limits) -> Run {
-    let mut told: Vec<String> = Vec::new();
-    let mut tell = |event: Event<'_>| {
+fn run(store: &Store, urls: &[&str], limits: &DownloadLimits) -> Run {
+    let mut events: Vec<String> = Vec::new();
+    let mut on_event = |event: DownloadEvent<'_>| {
         let word = match event {
-            Event::Begun { before, total, .. } => format!("begun {before} {total:?}"),
-            Event::Reached(_) => "reached".to_owned(),
-            Event::Broken(_) => "broken".to_owned(),
-            Event::Elsewhere(_) => "elsewhere".to_owned(),
+            DownloadEvent::Started {
+                resumed_bytes,
+                total_bytes,
+                ..
+            } => format!("begun {resumed_bytes} {total_bytes:?}"),
+            DownloadEvent::Progress(_) => "reached".to_owned(),
+            DownloadEvent::Interrupted(_) => "broken".to_owned(),
+            DownloadEvent::NextUrl(_) => "elsewhere".to_owned(),
         };
-        if told.last() != Some(&word) {
-            told.push(word);
+        if events.last() != Some(&word) {
+            events.push(word);
         }
     };
-    let result = get(store, &TINY, places, false, limits, &mut tell);
-    Run { result, told }
+    let result = get(store, &TINY, urls, false, limits, &mut on_event);
+    Run { result, events }
 }
 
 fn scratch() -> (tempfile::TempDir, Store) {
@@ -74,7 +78,7 @@ fn files(store: &Store) -> Vec<PathBuf> {
 
 /// The encoder is installed, and nothing else is left.
 fn check_installed(store: &Store, run: &Run) {
-    assert_eq!(*run.result.as_ref().unwrap(), Added::New);
+    assert_eq!(*run.result.as_ref().unwrap(), Installation::New);
     assert_eq!(files(store), [store.path(&TINY)]);
     assert_eq!(store.load(&TINY).unwrap().len(), 48);
 }
@@ -83,13 +87,13 @@ fn check_installed(store: &Store, run: &Run) {
 fn installs(answers: Vec<Answer>) -> (Server, Vec<String>) {
     let (_folder, store) = scratch();
     let server = Server::start(answers);
-    let run = run(&store, &[&server.url()], &Limits::default());
+    let run = run(&store, &[&server.url()], &DownloadLimits::default());
     check_installed(&store, &run);
-    (server, run.told)
+    (server, run.events)
 }
 
 /// The server's answers lead to an error with these words; returns what is left of the file.
-fn fails(answers: Vec<Answer>, limits: &Limits, words: &[&str]) -> u64 {
+fn fails(answers: Vec<Answer>, limits: &DownloadLimits, words: &[&str]) -> u64 {
     let (_folder, store) = scratch();
     let server = Server::start(answers);
     let run = run(&store, &[&server.url()], limits);
@@ -108,27 +112,27 @@ fn fails(answers: Vec<Answer>, limits: &Limits, words: &[&str]) -> u64 {
 fn a_file_is_downloaded_checked_and_converted_once() {
     let (_folder, store) = scratch();
     let server = Server::start(vec![all()]);
-    let first = run(&store, &[&server.url()], &Limits::default());
+    let first = run(&store, &[&server.url()], &DownloadLimits::default());
     check_installed(&store, &first);
     let begun = format!("begun 0 Some({})", FILE.len());
-    assert_eq!(first.told, [begun.as_str(), "reached"]);
+    assert_eq!(first.events, [begun.as_str(), "reached"]);
     let requests = server.requests();
     assert!(requests[0].contains("user-agent: lsdc/"), "{requests:?}");
     assert!(!requests[0].contains("range:"), "{requests:?}");
 
     // The server would refuse another connection.
-    let again = run(&store, &[&server.url()], &Limits::default());
-    assert_eq!(again.result.unwrap(), Added::Before);
-    assert!(again.told.is_empty());
+    let again = run(&store, &[&server.url()], &DownloadLimits::default());
+    assert_eq!(again.result.unwrap(), Installation::Unchanged);
+    assert!(again.events.is_empty());
 
     // The other container, without a length.
-    let (_, told) = installs(vec![answer("200 OK", &[], PYTORCH)]);
-    assert_eq!(told, ["begun 0 None", "reached"]);
+    let (_, events) = installs(vec![answer("200 OK", &[], PYTORCH)]);
+    assert_eq!(events, ["begun 0 None", "reached"]);
 }
 
 #[test]
 fn a_broken_connection_is_followed_by_another() {
-    let (server, told) = installs(vec![
+    let (server, events) = installs(vec![
         first(HALF, &[tag("a")]),
         more(HALF, 5000, &[tag("a")]),
         rest(HALF + 5000, &[tag("a")]),
@@ -140,7 +144,7 @@ fn a_broken_connection_is_followed_by_another() {
         assert!(request.contains(&range), "{request}");
         assert!(request.contains("\r\nif-range: \"a\"\r\n"), "{request}");
     }
-    assert_eq!(told.iter().filter(|word| *word == "broken").count(), 2);
+    assert_eq!(events.iter().filter(|word| *word == "broken").count(), 2);
     // A date serves too (RFC 9110, 13.1.5).
     let date = "Last-Modified: Wed, 26 Jun 2024 10:15:00 GMT".to_owned();
     let (server, _) = installs(vec![first(HALF, &[date]), rest(HALF, &[])]);
@@ -152,7 +156,7 @@ fn a_broken_connection_is_followed_by_another() {
 fn the_next_run_goes_on_where_the_last_one_ended() {
     let (_folder, store) = scratch();
     // What another place has left goes with the rest.
-    let mut other = Part::open(store.folder(), &TINY, "http://127.0.0.1:9/a").unwrap();
+    let mut other = PartialDownload::open(store.folder(), &TINY, "http://127.0.0.1:9/a").unwrap();
     other.append(b"abc").unwrap();
     drop(other);
     let busy = answer("503 Service Unavailable", &[length(0)], b"");
@@ -162,16 +166,18 @@ fn the_next_run_goes_on_where_the_last_one_ended() {
         rest(HALF, &[tag("a")]),
     ]);
     let url = server.url();
-    let error = run(&store, &[&url], &Limits::default()).result.unwrap_err();
+    let error = run(&store, &[&url], &DownloadLimits::default())
+        .result
+        .unwrap_err();
     assert!(
         error.to_string().contains("503 Service Unavailable"),
         "{error}"
     );
     assert_eq!(error.cause(), Cause::Network);
-    let next = run(&store, &[&url], &Limits::default());
+    let next = run(&store, &[&url], &DownloadLimits::default());
     check_installed(&store, &next);
     let begun = format!("begun {HALF} Some({})", FILE.len());
-    assert_eq!(next.told, [begun.as_str(), "reached"]);
+    assert_eq!(next.events, [begun.as_str(), "reached"]);
 }
 
 /// As when the folder was full, or the program was killed, between the last byte and the encoder.
@@ -179,16 +185,16 @@ fn the_next_run_goes_on_where_the_last_one_ended() {
 fn a_whole_file_is_not_downloaded_again() {
     let (_folder, store) = scratch();
     let url = "http://127.0.0.1:9/model.safetensors";
-    let mut part = Part::open(store.folder(), &TINY, url).unwrap();
+    let mut part = PartialDownload::open(store.folder(), &TINY, url).unwrap();
     let origin = Origin {
-        place: url.to_owned(),
+        url: url.to_owned(),
         version: None,
         total: Some(FILE.len() as u64),
     };
     part.begin(origin).unwrap();
     part.append(FILE).unwrap();
     drop(part);
-    check_installed(&store, &run(&store, &[url], &Limits::default()));
+    check_installed(&store, &run(&store, &[url], &DownloadLimits::default()));
 }
 
 #[test]
@@ -199,10 +205,13 @@ fn servers_that_do_not_continue_begin_anew() {
         assert!(!server.requests()[1].contains("range:"));
     }
     // A range is asked for, and all of the file comes.
-    let (server, told) = installs(vec![first(HALF, &[tag("a")]), all()]);
+    let (server, events) = installs(vec![first(HALF, &[tag("a")]), all()]);
     assert!(server.requests()[1].contains("range: bytes="));
     assert_eq!(
-        told.iter().filter(|word| word.contains("begun 0")).count(),
+        events
+            .iter()
+            .filter(|word| word.contains("begun 0"))
+            .count(),
         2
     );
 }
@@ -218,7 +227,7 @@ fn another_file_at_the_place_is_no_continuation() {
 
 #[test]
 fn something_else_is_refused_and_not_kept() {
-    let limits = Limits::default();
+    let limits = DownloadLimits::default();
     let page = answer("200 OK", &[], b"<html>Please log in</html>");
     let words = [
         "what `http://127.0.0.1",
@@ -237,7 +246,7 @@ fn something_else_is_refused_and_not_kept() {
 
 #[test]
 fn short_files_are_asked_for_again_while_that_helps() {
-    let limits = Limits::default();
+    let limits = DownloadLimits::default();
     let half = || first(HALF, &[]);
     let words = ["the connection broke", "begins anew"];
     assert_eq!(fails(vec![half(), half()], &limits, &words), 0);
@@ -250,7 +259,7 @@ fn short_files_are_asked_for_again_while_that_helps() {
         0 => first(1, &[tag("a")]),
         _ => more(i, 1, &[tag("a")]),
     });
-    let limits = Limits {
+    let limits = DownloadLimits {
         connections: 3,
         ..limits
     };
@@ -262,7 +271,7 @@ fn short_files_are_asked_for_again_while_that_helps() {
 
 #[test]
 fn answers_other_than_a_file_are_errors() {
-    let limits = Limits::default();
+    let limits = DownloadLimits::default();
     let none = || answer("404 Not Found", &[length(4)], b"none");
     assert_eq!(fails(vec![none()], &limits, &["404 Not Found"]), 0);
     let odd = answer("206 Partial Content", &[length(0)], b"");
@@ -284,10 +293,10 @@ fn answers_other_than_a_file_are_errors() {
 
     // The next place has it.
     let (broken, whole) = (Server::start(vec![none()]), Server::start(vec![all()]));
-    let places = [&broken.url()[..], &whole.url()];
-    let run = run(&store, &places, &limits);
+    let urls = [&broken.url()[..], &whole.url()];
+    let run = run(&store, &urls, &limits);
     check_installed(&store, &run);
-    assert_eq!(run.told[0], "elsewhere");
+    assert_eq!(run.events[0], "elsewhere");
 }
 
 #[test]
@@ -304,16 +313,16 @@ fn redirects_are_followed_but_not_for_ever() {
     assert!(requests[3].contains("range: bytes="), "{requests:?}");
     let circle = (0..20).map(|_| moved("/again")).collect();
     assert_eq!(
-        fails(circle, &Limits::default(), &["too many redirects"]),
+        fails(circle, &DownloadLimits::default(), &["too many redirects"]),
         0
     );
 }
 
 #[test]
 fn endless_files_end() {
-    let limits = Limits {
+    let limits = DownloadLimits {
         bytes: 1 << 20,
-        ..Limits::default()
+        ..DownloadLimits::default()
     };
     let endless: Answer = Box::new(|stream| {
         let sent = stream.write_all(b"HTTP/1.1 200 OK\r\nConnection: close\r\n\r\n");
@@ -329,9 +338,9 @@ fn endless_files_end() {
 
 #[test]
 fn silent_servers_are_left() {
-    let limits = Limits {
-        silence: Duration::from_millis(10),
-        ..Limits::default()
+    let limits = DownloadLimits {
+        timeout: Duration::from_millis(10),
+        ..DownloadLimits::default()
     };
     // Until the client goes.
     let wait: fn(&mut std::net::TcpStream) = |stream| drop(stream.read(&mut [0]));
@@ -348,9 +357,9 @@ fn silent_servers_are_left() {
 #[test]
 fn two_programs_do_not_write_one_file() {
     let (_folder, store) = scratch();
-    let place = "http://127.0.0.1:9/a";
-    let _part = Part::open(store.folder(), &TINY, place).unwrap();
-    let error = run(&store, &[place], &Limits::default())
+    let url = "http://127.0.0.1:9/a";
+    let _part = PartialDownload::open(store.folder(), &TINY, url).unwrap();
+    let error = run(&store, &[url], &DownloadLimits::default())
         .result
         .unwrap_err();
     assert!(error.to_string().contains("another program"), "{error}");
@@ -359,19 +368,21 @@ fn two_programs_do_not_write_one_file() {
 #[test]
 fn parts_of_unknown_origin_are_not_used() {
     let (_folder, store) = scratch();
-    let place = "http://127.0.0.1:9/a";
+    let url = "http://127.0.0.1:9/a";
     let origin = |version: Option<&str>, total: u64| Origin {
-        place: place.to_owned(),
+        url: url.to_owned(),
         version: version.map(str::to_owned),
         total: Some(total),
     };
     let kept = |origin: Origin, damage: &dyn Fn(&std::path::Path)| {
-        let mut part = Part::open(store.folder(), &TINY, place).unwrap();
+        let mut part = PartialDownload::open(store.folder(), &TINY, url).unwrap();
         part.begin(origin).unwrap();
         part.append(b"abc").unwrap();
         let path = part.close();
         damage(&path);
-        Part::open(store.folder(), &TINY, place).unwrap().length()
+        PartialDownload::open(store.folder(), &TINY, url)
+            .unwrap()
+            .length()
     };
     assert_eq!(kept(origin(Some("\"a\""), 9), &|_| {}), 3);
     assert_eq!(kept(origin(None, 9), &|_| {}), 0);

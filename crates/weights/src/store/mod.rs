@@ -1,10 +1,9 @@
 //! The user's data folder, where encoders are kept in half precision.
 
-use super::known::{Known, Sum, halves, recognise};
-use super::{bytes_of, read_encoder};
+use super::known::{IdentityHash, KnownEncoder, is_fixed, recognise, recognise_head};
+use super::stored::FloatType;
+use super::{Precision, names, read_bounded, read_tensors, stored_bytes};
 use etcetera::BaseStrategy as _;
-use half::f16;
-use half::slice::{HalfBitsSliceExt as _, HalfFloatSliceExt as _};
 use lsdc_core::weights::Tensor;
 use lsdc_files::error::{Cause, Error, Result};
 use lsdc_files::{remove_leftovers, write_atomically};
@@ -23,13 +22,15 @@ pub struct Store {
     folder: PathBuf,
 }
 
-/// What came of adding an encoder.
+/// What adding an encoder has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Added {
-    /// It is there now.
+pub enum Installation {
+    /// The encoder was installed, and the depth head if the file has it.
     New,
-    /// It was there before, and nothing has changed.
-    Before,
+    /// The depth head was added to the encoder, which was installed already.
+    Head,
+    /// Everything was installed already, and nothing has changed.
+    Unchanged,
 }
 
 impl Store {
@@ -37,7 +38,7 @@ impl Store {
     /// `~/.local/share` but on Windows. It need not exist.
     ///
     /// # Errors
-    /// Nothing says where the user's files are.
+    /// The platform names no data folder of the user.
     pub fn open() -> Result<Self> {
         if let Some(folder) = std::env::var_os(FOLDER).filter(|folder| !folder.is_empty()) {
             return Ok(Self::at(PathBuf::from(folder)));
@@ -61,93 +62,193 @@ impl Store {
     }
 
     /// Where an encoder is, once it was added.
-    pub fn path(&self, known: &Known) -> PathBuf {
+    pub fn path(&self, known: &KnownEncoder) -> PathBuf {
         self.folder
             .join(format!("{}-encoder.safetensors", known.weights))
     }
 
-    /// Adds the encoder in a file that [`read_encoder`] reads, if it is one of `known`. One that is there is replaced
-    /// if `replace` is set.
+    /// Where the depth head of an encoder is, once it was added. It has a file of its own, so that versions of this
+    /// library without heads read the encoder.
+    pub fn head_path(&self, known: &KnownEncoder) -> PathBuf {
+        self.folder
+            .join(format!("{}-head.safetensors", known.weights))
+    }
+
+    /// Whether the depth head of an encoder was added, if it has one.
+    pub fn has_head(&self, known: &KnownEncoder) -> bool {
+        known.head.is_none() || self.head_path(known).exists()
+    }
+
+    /// Adds the encoder in a file that [`read_encoder`](super::read_encoder) reads, if it is one of `known`, and its depth
+    /// head if the file has it. A file of a depth head alone is added to the encoder that is there. What is there is
+    /// replaced if `replace` is set.
     ///
     /// # Errors
-    /// A file that cannot be read or holds another encoder, one in the folder that is damaged, or a folder that cannot
-    /// be written.
+    /// A file that cannot be read or holds another encoder or head, one in the folder that is damaged, a head whose encoder
+    /// was not added, or a folder that cannot be written.
     pub fn add<'a>(
         &self,
         file: &Path,
-        known: &'a [Known],
+        known: &'a [KnownEncoder],
         replace: bool,
-    ) -> Result<(&'a Known, Added)> {
-        let tensors = read_encoder(file)?;
+    ) -> Result<(&'a KnownEncoder, Installation)> {
+        let (head, tensors) = names::depth_head(read_tensors(file)?);
+        if !head.is_empty() && !names::has_encoder(&tensors) {
+            let known = recognise_head(file, &head, known)?;
+            if !self.path(known).exists() {
+                let what = format!(
+                    "holds the depth head of {} without the encoder, which is not installed",
+                    known.name
+                );
+                return Err(Error::format(file, what)
+                    .hint("add the encoder first, or the published file, which has both"));
+            }
+            let added = self.add_head(known, head, replace)?;
+            return Ok((known, added));
+        }
+        let tensors = names::dinov2(file, tensors)?;
         let known = recognise(file, &tensors, known)?;
+        let has_head = known.head.is_some() && !head.is_empty();
+        if has_head {
+            recognise_head(file, &head, std::slice::from_ref(known))?;
+        }
         let path = self.path(known);
-        if path.exists() && !replace {
+        let is_new = !path.exists() || replace;
+        if is_new {
+            self.write(&path, &tensors, known)?;
+        } else {
             self.load(known)
                 .map_err(|e| e.hint("give --force to replace it"))?;
-            return Ok((known, Added::Before));
         }
-        let bytes = in_halves(&tensors, known)?;
+        let mut added = Installation::Unchanged;
+        if has_head {
+            added = self.add_head(known, head, replace)?;
+        }
+        if is_new {
+            added = Installation::New;
+        }
+        Ok((known, added))
+    }
+
+    /// Adds a depth head. To one that is there, tensors are added that it does not have.
+    fn add_head(
+        &self,
+        known: &KnownEncoder,
+        head: BTreeMap<String, Tensor>,
+        replace: bool,
+    ) -> Result<Installation> {
+        let path = self.head_path(known);
+        let mut all = BTreeMap::new();
+        if path.exists() && !replace {
+            all = self
+                .load_head(known)
+                .map_err(|e| e.hint("give --force to replace it"))?;
+            if head.keys().all(|name| all.contains_key(name)) {
+                return Ok(Installation::Unchanged);
+            }
+        }
+        all.extend(head);
+        self.write(&path, &all, known)?;
+        Ok(Installation::Head)
+    }
+
+    fn write(
+        &self,
+        path: &Path,
+        tensors: &BTreeMap<String, Tensor>,
+        known: &KnownEncoder,
+    ) -> Result<()> {
+        let bytes = file_bytes(tensors, known)?;
         let folder = &self.folder;
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
         remove_leftovers(folder);
-        write_atomically(&path, |out| out.write_all(&bytes))?;
-        Ok((known, Added::New))
+        write_atomically(path, |out| out.write_all(&bytes))
     }
 
     /// The tensors of an encoder, by `DINOv2`'s names, with every bit as published, rounded to half precision.
     ///
     /// # Errors
     /// It was not added, or its file was damaged since.
-    pub fn load(&self, known: &Known) -> Result<BTreeMap<String, Tensor>> {
+    pub fn load(&self, known: &KnownEncoder) -> Result<BTreeMap<String, Tensor>> {
         let path = self.path(known);
-        let bytes = match bytes_of(&path) {
-            Ok(bytes) => bytes,
-            Err(_) if !path.exists() => return Err(self.missing(known)),
-            Err(error) => return Err(error),
-        };
-        let damaged = || {
-            Error::format(&path, format!("is not {} any more", known.name)).hint(format!(
-                "{}, with --force to replace the file",
-                how_to_install(known)
-            ))
-        };
-        let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged().because(e))?;
-        let views: BTreeMap<String, TensorView<'_>> = file.tensors().into_iter().collect();
-        let mut sum = Sum::default();
-        let (found, tensors) = rayon::join(
-            || {
-                for (name, view) in &views {
-                    sum.add(name, view.shape(), view.data());
-                }
-                sum.text()
-            },
-            || {
-                let tensors = views.par_iter();
-                let tensors = tensors.map(|(name, view)| Some((name.clone(), tensor(view)?)));
-                tensors.collect::<Option<BTreeMap<_, _>>>()
-            },
-        );
-        tensors
-            .filter(|_| found == known.identity)
-            .ok_or_else(damaged)
+        if !path.exists() {
+            let needs = format!("the weights `{}` need the encoder of", known.weights);
+            return Err(self.missing(known, &needs));
+        }
+        verified(&path, known, known.identity)
     }
 
-    fn missing(&self, known: &Known) -> Error {
-        let (weights, name) = (known.weights, known.name);
+    /// The tensors of the depth head of an encoder, by their published names, rounded to half precision. All but
+    /// `depth_head.resize_layers.3.weight` have the published values.
+    ///
+    /// # Errors
+    /// It was not added, or its file was damaged since.
+    pub fn load_head(&self, known: &KnownEncoder) -> Result<BTreeMap<String, Tensor>> {
+        let path = self.head_path(known);
+        let Some(head) = known.head else {
+            let what = format!("{} has no depth head", known.name);
+            return Err(Error::config(what));
+        };
+        if path.exists() {
+            return verified(&path, known, head.identity);
+        }
         let folder = self.folder.display();
-        let message = format!(
-            "the weights `{weights}` need the encoder of {name}, which is not in `{folder}`"
+        let what = format!(
+            "`{folder}` has the encoder of {} without its depth head",
+            known.name
         );
+        Err(Error::new(Cause::Read, what).hint(format!(
+            "it was installed by an earlier version, or from a file without the head; `lsdc weights get {}` or \
+             `lsdc weights add FILE` adds the head of the published file",
+            known.weights
+        )))
+    }
+
+    /// That an encoder is not installed; `needs` ends before its name.
+    pub(super) fn missing(&self, known: &KnownEncoder, needs: &str) -> Error {
+        let (name, folder) = (known.name, self.folder.display());
+        let message = format!("{needs} {name}, which is not in `{folder}`");
         Error::new(Cause::Read, message).hint(how_to_install(known))
     }
 }
 
+/// The tensors of an installed file, if those whose values are known have this identity.
+fn verified(path: &Path, known: &KnownEncoder, identity: &str) -> Result<BTreeMap<String, Tensor>> {
+    let bytes = read_bounded(path)?;
+    let damaged = || {
+        Error::format(path, format!("is not {} any more", known.name)).hint(format!(
+            "{}, with --force to replace the file",
+            how_to_install(known)
+        ))
+    };
+    let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged().because(e))?;
+    let views: BTreeMap<String, TensorView<'_>> = file.tensors().into_iter().collect();
+    let mut sum = IdentityHash::default();
+    let (found, tensors) = rayon::join(
+        || {
+            for (name, view) in views.iter().filter(|(name, _)| is_fixed(name)) {
+                sum.add(name, view.shape(), view.data());
+            }
+            sum.text()
+        },
+        || {
+            let tensors = views.par_iter();
+            let tensors = tensors.map(|(name, view)| Some((name.clone(), tensor(view)?)));
+            tensors.collect::<Option<BTreeMap<_, _>>>()
+        },
+    );
+    tensors.filter(|_| found == identity).ok_or_else(damaged)
+}
+
 /// Returns the commands that install an encoder, with its size and licence.
-pub fn how_to_install(known: &Known) -> String {
-    let Known {
+pub fn how_to_install(known: &KnownEncoder) -> String {
+    let KnownEncoder {
         weights, licence, ..
     } = known;
-    let (download, kept) = (known.download / 1_000_000, known.bytes() / 1_000_000);
+    let megabytes = |bytes: u64| (bytes + 500_000) / 1_000_000;
+    let head = known.head.map_or(0, |head| head.bytes);
+    let download = megabytes(known.download_bytes);
+    let kept = megabytes(known.bytes() + head);
     format!(
         "`lsdc weights get {weights}` downloads it ({download} MB, of which {kept} MB are kept; licence {licence}); \
          without a network, `lsdc weights add FILE` takes its published file"
@@ -155,35 +256,19 @@ pub fn how_to_install(known: &Known) -> String {
 }
 
 /// The bytes of a safetensors file. One record, so that they are the same each time.
-fn in_halves(tensors: &BTreeMap<String, Tensor>, known: &Known) -> Result<Vec<u8>> {
-    let broken = |e: safetensors::SafeTensorError| {
-        Error::weights("the encoder cannot be written").because(e)
-    };
-    let stored: Vec<(&String, &Tensor, Vec<u8>)> = tensors
-        .iter()
-        .map(|(name, tensor)| (name, tensor, halves(tensor)))
-        .collect();
-    let views = stored
-        .iter()
-        .map(|(name, tensor, bytes)| {
-            let view = TensorView::new(Dtype::F16, tensor.shape().to_vec(), bytes);
-            view.map(|view| (*name, view)).map_err(broken)
-        })
-        .collect::<Result<Vec<_>>>()?;
+fn file_bytes(tensors: &BTreeMap<String, Tensor>, known: &KnownEncoder) -> Result<Vec<u8>> {
     let about = format!("{}, licence {}", known.name, known.licence);
     let metadata = HashMap::from([("about".to_owned(), about)]);
-    safetensors::serialize(views, Some(metadata)).map_err(broken)
+    let tensors = tensors.iter();
+    let tensors = tensors.map(|(name, tensor)| (name.clone(), tensor, Precision::Half));
+    stored_bytes(tensors, metadata)
 }
 
 /// A tensor in half precision; `None` if it is in another.
 fn tensor(view: &TensorView<'_>) -> Option<Tensor> {
-    if view.dtype() != Dtype::F16 {
-        return None;
-    }
-    let (pairs, _) = view.data().as_chunks::<2>();
-    let bits: Vec<u16> = pairs.iter().map(|pair| u16::from_le_bytes(*pair)).collect();
-    let halves: &[f16] = bits.reinterpret_cast();
-    Tensor::new(view.shape().to_vec(), halves.to_f32_vec())
+    let is_half = view.dtype() == Dtype::F16;
+    let values = is_half.then(|| FloatType::F16.values(view.data()))?;
+    Tensor::new(view.shape().to_vec(), values)
 }
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
 //! A coarse grid of pixels, for what varies slowly.
 
+use crate::bilinear::{between, rescaled};
 use rayon::prelude::*;
 
 /// Some pixels of a map, evenly spaced; all of a small one.
 #[derive(Debug)]
-pub(super) struct Coarse {
+pub(super) struct CoarseGrid {
     size: (usize, usize),
     /// From one to the next.
     step: usize,
@@ -12,7 +13,7 @@ pub(super) struct Coarse {
     rows: Vec<usize>,
 }
 
-impl Coarse {
+impl CoarseGrid {
     /// About `most` of the pixels of a map of some height and width.
     pub(super) fn new(size: (usize, usize), most: usize) -> Self {
         let step = ((size.0 * size.1) as f64 / most as f64)
@@ -42,23 +43,24 @@ impl Coarse {
 
     /// The same of another height and width.
     pub(super) fn spread_over(&self, values: &[f64], size: (usize, usize)) -> Vec<f64> {
-        // Where there is next to nothing, it counts for as much.
+        // A lower bound, because of the logarithm.
         let least = 1e-12
             * values
                 .iter()
                 .fold(f64::MIN_POSITIVE, |most: f64, v| most.max(*v));
         let logs: Vec<f64> = values.iter().map(|value| value.max(least).ln()).collect();
         let width = self.columns.len();
-        // The place of a pixel of the map in this one.
-        let place =
-            |at: usize, from: usize, to: usize| (at as f64 + 0.5) * to as f64 / from as f64 - 0.5;
+        let place = |at: usize, from: usize, to: usize, axis: &[usize]| {
+            let offset = rescaled(at as f64, from, to) - axis[0] as f64;
+            between(offset / self.step as f64, axis.len())
+        };
         let across: Vec<_> = (0..size.1)
-            .map(|x| self.between(place(x, size.1, self.size.1), &self.columns))
+            .map(|x| place(x, size.1, self.size.1, &self.columns))
             .collect();
         let mut map = vec![0.0; size.0 * size.1];
         let rows = map.par_chunks_mut(size.1.max(1)).enumerate();
         rows.for_each(|(y, values)| {
-            let (top, bottom, down) = self.between(place(y, size.0, self.size.0), &self.rows);
+            let (top, bottom, down) = place(y, size.0, self.size.0, &self.rows);
             let pairs = logs[top * width..].iter().zip(&logs[bottom * width..]);
             let row: Vec<f64> = pairs
                 .take(width)
@@ -70,15 +72,6 @@ impl Coarse {
         });
         map
     }
-
-    /// The places on an axis that a position is between, and the share of the second.
-    fn between(&self, at: f64, axis: &[usize]) -> (usize, usize, f64) {
-        let last = axis.len() - 1;
-        let place = (at - axis[0] as f64) / self.step as f64;
-        let place = place.clamp(0.0, last as f64);
-        let low = (place as usize).min(last);
-        (low, (low + 1).min(last), place - low as f64)
-    }
 }
 
 #[cfg(test)]
@@ -88,7 +81,7 @@ mod tests {
     #[test]
     fn values_that_grow_by_a_factor_are_met_between_the_pixels() {
         let (height, width) = (100, 176);
-        let coarse = Coarse::new((height, width), 1100);
+        let coarse = CoarseGrid::new((height, width), 1100);
         assert_eq!(coarse.pixels().count(), 25 * 44);
         let law = |x: usize, y: usize| (0.02 * x as f64 - 0.05 * y as f64).exp();
         let values: Vec<f64> = coarse.pixels().map(|(x, y)| law(x, y)).collect();
@@ -103,7 +96,7 @@ mod tests {
 
     #[test]
     fn small_maps_have_all_pixels() {
-        let coarse = Coarse::new((1, 3), 1100);
+        let coarse = CoarseGrid::new((1, 3), 1100);
         assert_eq!(
             coarse.pixels().collect::<Vec<_>>(),
             [(0, 0), (1, 0), (2, 0)]

@@ -1,10 +1,10 @@
-//! What the model of depth says of points before any of their depths is known.
+//! The prior covariances of the depths of points under the model of depth.
 
 use super::estimate::FieldEstimator;
 use super::smoothness::unsolvable;
 use crate::error::Result;
 use crate::fit::JointConfig;
-use crate::fit::points::Rows;
+use crate::fit::points::FitRows;
 use faer::{Mat, Scale};
 
 impl FieldEstimator<'_> {
@@ -15,18 +15,23 @@ impl FieldEstimator<'_> {
     /// Equations that are not positive definite, or basis functions that are not finite.
     pub(in crate::fit) fn covariance(
         &self,
-        rows: &Rows<'_>,
+        rows: &FitRows<'_>,
         which: &[usize],
         lambda: Option<f64>,
     ) -> Result<Mat<f64>> {
         /// The variance of the field in that of the mean of the prior, about whose scale nothing is known.
         const KNOWN: f64 = 1e-3;
         let places = rows.places.unwrap_or_default();
-        let taps: Vec<_> = which.iter().map(|&i| self.scene.taps(places[i])).collect();
-        // A field without a level is as free as one with the least.
-        let level = self.joint.level.max(JointConfig::default().level);
-        let prior = self.scene.affinities.prior(level).ok_or_else(unsolvable)?;
-        let mut covariance = prior.covariance(&taps);
+        let interpolation: Vec<_> = which
+            .iter()
+            .map(|&i| self.geometry.interpolation(places[i]))
+            .collect();
+        // Without regularisation, the default makes the prior proper.
+        let least = JointConfig::default().diagonal_regularisation;
+        let regularisation = self.joint.diagonal_regularisation.max(least);
+        let prior = self.geometry.affinities.prior(regularisation);
+        let prior = prior.ok_or_else(unsolvable)?;
+        let mut covariance = prior.covariance(&interpolation);
 
         let (count, columns) = (which.len(), rows.columns());
         let bases = rows.bases_of(which)?;

@@ -4,18 +4,19 @@ use super::JointConfig;
 use super::fitted::{FieldFit, FieldSolver};
 use super::holes::Holes;
 use super::marginal::determined;
-use super::merged_observations::{MergedObservations, Sample};
+use super::merged_observations::{MergedObservations, SampledObservations};
 use super::smoothness::Smoothness;
-use super::stacking::{Stack, Stacked, rest_of, stack_few, stack_many};
+use super::stacking::{Stack, StackedResiduals, residual_combination, stack_few, stack_many};
 use super::surface::Surface;
-use super::weighed::Weighed;
+use super::weight_estimate::WeightEstimate;
+use crate::bilinear::rescaled;
 use crate::error::{FitError, Result};
 use crate::field::{self, PrecisionSolver};
-use crate::fit::affinities::{Affinities, Scene, Smooth};
+use crate::fit::affinities::{Affinities, FieldGeometry, SmoothField};
 use crate::fit::estimate::Estimate;
 use crate::fit::lambda::Lambda;
 use crate::fit::lstsq::{Moments, Solution, dot};
-use crate::fit::points::Rows;
+use crate::fit::points::FitRows;
 use crate::fit::prior::Prior;
 use faer::Mat;
 use lsdc_kernels::schedule::join;
@@ -25,38 +26,38 @@ use std::sync::Arc;
 /// How a field is fitted: with basis functions if there is a prior over their weights.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fit) struct FieldEstimator<'a> {
-    pub(in crate::fit) scene: Scene<'a>,
+    pub(in crate::fit) geometry: FieldGeometry<'a>,
     pub(in crate::fit) joint: JointConfig,
     pub(in crate::fit) prior: Option<(&'a Prior, Lambda)>,
     /// The last columns are cosines, with these penalties on the squares of their weights.
     pub(in crate::fit) ridges: &'a [f64],
-    /// Whether the field follows the surface that the sites span.
+    /// Whether the field follows the surface that the observations span.
     pub(in crate::fit) surface: bool,
 }
 
-/// What is found for some sites.
-struct Found {
+/// A joint fit to merged observations, before its residuals are computed.
+struct JointSolution {
     solution: Solution,
     noise: f64,
     lambda: Option<f64>,
-    /// The field at every pixel, less what basis functions say there.
+    /// The field at every pixel, without the basis functions.
     values: Vec<f64>,
     /// The fits that it was made from, if there are several.
     stack: Option<Stack>,
-    form: FieldSolver,
+    solver: FieldSolver,
     smoothness: Smoothness,
-    /// Whether the field follows the surface that the sites span.
-    follows: bool,
-    sample: Sample,
-    /// What the weights leave of each point, if that was needed.
+    /// Whether the field follows the surface that the observations span.
+    follows_surface: bool,
+    sample: SampledObservations,
+    /// The residuals of basis functions x weights, if they were needed.
     residuals: Option<Vec<f64>>,
     /// Pixels in holes at which basis functions contradicted the depths around.
     limited: usize,
 }
 
-/// Weights are estimated from at most so many sites.
-const SOME: usize = 700;
-/// More sites than this say so much that the surface which they span adds nothing: at 304x228, no pixel is far from one.
+/// Weights are estimated from at most this many observations.
+const SAMPLE: usize = 700;
+/// The surface is not used with more observations than this: at 304x228, no pixel is far from one.
 const DENSE: usize = 30_000;
 
 impl FieldEstimator<'_> {
@@ -76,158 +77,168 @@ impl FieldEstimator<'_> {
         Self: 'b,
     {
         FieldEstimator {
-            scene: Scene {
+            geometry: FieldGeometry {
                 affinities: blocks,
-                size: self.scene.size,
+                size: self.geometry.size,
                 upsampling: None,
-                once: false,
+                transient: false,
             },
             joint: JointConfig {
-                level: self.joint.level * area as f64,
+                diagonal_regularisation: self.joint.diagonal_regularisation * area as f64,
                 ..self.joint
             },
             ..self
         }
     }
 
-    pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
-        let mut sites = MergedObservations::new(rows, weights, self.scene, &self.joint)?;
+    pub(in crate::fit) fn solve(self, rows: &FitRows<'_>, weights: &[f64]) -> Result<Estimate> {
+        let mut merged = MergedObservations::new(rows, weights, self.geometry, &self.joint)?;
         let found = match self.prior {
-            None => self.alone(&mut sites, rows)?,
-            Some(prior) if self.are_few(&sites) => self.few(&sites, rows, prior)?,
-            Some(prior) => self.many(&mut sites, rows, prior)?,
+            None => self.fit_field_alone(&mut merged, rows)?,
+            Some(prior) if self.are_few(&merged) => self.fit_few(&merged, rows, prior)?,
+            Some(prior) => self.fit_many(&mut merged, rows, prior)?,
         };
-        let rests = found.residuals;
-        let rests = rests.unwrap_or_else(|| rows.residuals(&found.solution.weights));
+        let without_field = found.residuals;
+        let without_field =
+            without_field.unwrap_or_else(|| rows.residuals(&found.solution.weights));
         let places = rows.places.unwrap_or_default();
-        let less = |rests: &[f64], values: &[f64]| -> Vec<f64> {
-            let pairs = rests.par_iter().zip(places);
-            let rests = pairs.map(|(rest, &place)| rest - self.scene.taps(place).read(values));
-            rests.collect()
+        let subtract = |values: &[f64], field: &[f64]| -> Vec<f64> {
+            let pairs = values.par_iter().zip(places);
+            let residual = |(value, &place): (&f64, &[f64; 2])| {
+                value - self.geometry.interpolation(place).read(field)
+            };
+            pairs.map(residual).collect()
         };
-        let rests_of = |stack: Option<Stack>| match stack {
-            None => (less(&rests, &found.values), None),
+        let map_residuals = subtract(&without_field, &found.values);
+        let (residuals, stacked) = match found.stack {
+            None => (map_residuals, None),
             Some(stack) => {
-                let stacked = Stacked {
-                    map: less(&rests, &found.values),
-                    alone: less(&rows.values, &stack.alone),
+                let stacked = StackedResiduals {
+                    map: map_residuals,
+                    field: subtract(&rows.values, &stack.field),
                     share: stack.share,
                 };
-                (less(&rests, &stack.joint), Some(stacked))
+                (subtract(&without_field, &stack.joint), Some(stacked))
             }
         };
-        let (rests, stacked) = rests_of(found.stack);
         let size = found.smoothness.affinities.size();
         Ok(Estimate {
-            rests,
+            residuals,
             solution: found.solution,
             noise: found.noise,
             lambda: found.lambda,
             field: Some(Arc::new(FieldFit {
-                form: found.form,
+                solver: found.solver,
                 smoothness: found.smoothness,
-                follows: found.follows,
+                follows_surface: found.follows_surface,
                 stacked,
-                sites,
+                merged,
                 sample: found.sample,
-                smooth: Smooth::new(size, &found.values),
-                size,
-                data: self.joint.data,
+                smooth: SmoothField::new(size, &found.values),
+                observation_precision: self.joint.observation_precision,
                 ridges: self.ridges.to_vec(),
                 limited: found.limited,
             })),
         })
     }
 
-    /// The moments of some of the points, with field and cosines integrated out, and the number of all.
-    pub(in crate::fit) fn some_moments(self, rows: &Rows<'_>) -> Result<(Moments, usize)> {
-        let sites = MergedObservations::new(rows, &rows.weights, self.scene, &self.joint)?;
-        let sample = sites.sample(SOME, rows)?;
-        let field = self.smoothness().untied().covariance_solver(&sample)?;
+    /// The moments of a sample of the points, with field and cosines integrated out, and the number of all.
+    pub(in crate::fit) fn sample_moments(self, rows: &FitRows<'_>) -> Result<(Moments, usize)> {
+        let merged = MergedObservations::new(rows, &rows.weights, self.geometry, &self.joint)?;
+        let sample = merged.sample(SAMPLE, rows)?;
+        let field = self
+            .smoothness()
+            .without_step_terms()
+            .covariance_solver(&sample)?;
         let all = moments(field.moments(), sample.columns(), sample.len());
-        Ok((all.without_last(self.ridges)?.0, sites.len()))
+        Ok((all.without_last(self.ridges)?.0, merged.len()))
     }
 
-    /// The surface that sites span, unless there are so many that it would say nothing new, or basis functions are known
-    /// at the points only.
-    fn surface(self, sites: &MergedObservations, rows: &Rows<'_>) -> Option<Surface> {
-        let known = self.prior.is_none() || rows.are_everywhere();
-        let size = self.scene.affinities.size();
-        (self.surface && known && sites.len() <= DENSE)
-            .then(|| Surface::through(&sites.places, &sites.depths, &sites.firmness(), size))
+    /// The surface that the observations span, unless there are so many that it would add nothing, or basis functions are
+    /// known at the points only.
+    fn surface(self, merged: &MergedObservations, rows: &FitRows<'_>) -> Option<Surface> {
+        let known = self.prior.is_none() || rows.everywhere().is_some();
+        let size = self.geometry.affinities.size();
+        (self.surface && known && merged.len() <= DENSE)
+            .then(|| Surface::through(&merged.places, &merged.depths, &merged.firmness(), size))
             .flatten()
     }
 
-    /// The field with all sites, and how smooth it is: in perspective, if they span a surface.
+    /// The field with all observations, and how smooth it is: in perspective, if they span a surface.
     fn observed(
         self,
-        sites: &mut MergedObservations,
+        merged: &mut MergedObservations,
         surface: Option<&Surface>,
     ) -> Result<(PrecisionSolver, Smoothness), FitError> {
         let mut smoothness = self.smoothness();
         if let Some(surface) = surface {
-            let [right, down] = surface.affinities(&smoothness.affinities.grid(smoothness.level));
+            let [right, down] = surface.affinities(&smoothness.grid());
             let size = smoothness.affinities.size();
             smoothness.affinities = Affinities::from_parts(size, right, down);
-            sites.scale(|depth| surface.precision(depth));
+            merged.scale(|depth| surface.precision(depth));
         }
-        let field = smoothness.observed(&sites.taps, &sites.weights)?;
+        let field = smoothness.observed(&merged.interpolation, &merged.weights)?;
         Ok((field, smoothness))
     }
 
     /// The field without basis functions.
-    fn alone(self, sites: &mut MergedObservations, rows: &Rows<'_>) -> Result<Found, FitError> {
-        let surface = self.surface(sites, rows);
-        let (field, smoothness) = self.observed(sites, surface.as_ref())?;
-        let right = surface
-            .as_ref()
-            .map(|surface| surface.pull(&smoothness.affinities.grid(smoothness.level)));
-        let values = match right {
-            None => field.extend(&sites.depths),
-            Some(right) => field.extend_with(&sites.depths, right),
+    fn fit_field_alone(
+        self,
+        merged: &mut MergedObservations,
+        rows: &FitRows<'_>,
+    ) -> Result<JointSolution, FitError> {
+        let surface = self.surface(merged, rows);
+        let (field, smoothness) = self.observed(merged, surface.as_ref())?;
+        let values = match &surface {
+            None => field.extend(&merged.depths),
+            Some(surface) => {
+                let targets = merged.depths.as_chunks::<1>().0;
+                let right_side = surface.right_side(&smoothness.grid());
+                field.extend_with(targets, right_side).into_flattened()
+            }
         };
-        let square = dot(&sites.depths, &field.pull_from(&sites.depths, &values));
+        let square = dot(&merged.depths, &field.pull_from(&merged.depths, &values));
         let columns = rows.columns();
-        Ok(Found {
+        Ok(JointSolution {
             solution: Solution {
                 weights: vec![0.0; columns],
                 rank: 0,
                 factor: Mat::zeros(columns, 0),
             },
             // Rounding may leave less than nothing.
-            noise: square.max(0.0) / sites.len().saturating_sub(1).max(1) as f64,
+            noise: square.max(0.0) / merged.len().saturating_sub(1).max(1) as f64,
             lambda: None,
             values,
             stack: None,
-            form: FieldSolver::Many {
+            solver: FieldSolver::Many {
                 field,
                 share: 0.0,
-                start: None,
+                of_sample: None,
             },
             smoothness,
-            follows: surface.is_some(),
-            sample: sites.sample(0, rows)?,
+            follows_surface: surface.is_some(),
+            sample: merged.sample(0, rows)?,
             residuals: None,
             limited: 0,
         })
     }
 
-    /// The weights from at most so many of the sites, in a field of this smoothness.
-    fn weighed(
+    /// The weights from at most `most` of the observations, in a field of this smoothness.
+    fn estimate_weights(
         self,
-        (sites, most): (&MergedObservations, usize),
-        rows: &Rows<'_>,
+        (merged, most): (&MergedObservations, usize),
+        rows: &FitRows<'_>,
         (prior, lambda): (&Prior, Lambda),
         smoothness: &Smoothness,
-    ) -> Result<Weighed> {
-        let sample = sites.sample(most, rows)?;
+    ) -> Result<WeightEstimate> {
+        let sample = merged.sample(most, rows)?;
         let field = smoothness.covariance_solver(&sample)?;
         let all = moments(field.moments(), sample.columns(), sample.len());
         // The cosines are a part of the field.
         let (others, cosines) = all.without_last(self.ridges)?;
-        let found = others.shrunk(prior, lambda.at(sites.len()))?;
-        let solution = cosines.beside(&found.solution);
-        Ok(Weighed {
+        let found = others.shrunk(prior, lambda.at(merged.len()))?;
+        let solution = cosines.extended(&found.solution);
+        Ok(WeightEstimate {
             determined: determined(&others.normal, self.ridges, &solution),
             noise: found.noise,
             lambda: found.lambda,
@@ -237,72 +248,74 @@ impl FieldEstimator<'_> {
         })
     }
 
-    /// Few sites, from all of which the weights are estimated.
-    fn few(
+    /// Few observations, from all of which the weights are estimated.
+    fn fit_few(
         self,
-        sites: &MergedObservations,
-        rows: &Rows<'_>,
+        merged: &MergedObservations,
+        rows: &FitRows<'_>,
         prior: (&Prior, Lambda),
-    ) -> Result<Found> {
+    ) -> Result<JointSolution> {
         let smoothness = self.smoothness();
         let (found, surface) = join(
-            || self.weighed((sites, sites.len()), rows, prior, &smoothness),
-            || self.surface(sites, rows),
+            || self.estimate_weights((merged, merged.len()), rows, prior, &smoothness),
+            || self.surface(merged, rows),
         );
         let found = found?;
         let (values, stack) = match &surface {
-            None => (found.field.extend(&rest_of(&found.solution.weights)), None),
+            None => {
+                let combination = residual_combination(&found.solution.weights);
+                (found.field.extend(&combination), None)
+            }
             Some(surface) => {
-                let (values, stack) = stack_few(surface, (sites, rows), &found, &smoothness);
+                let (values, stack) = stack_few(surface, (merged, rows), &found, &smoothness);
                 (values, Some(stack))
             }
         };
-        Ok(Found {
+        Ok(JointSolution {
             solution: found.solution,
             noise: found.noise,
             lambda: Some(found.lambda),
             values,
             stack,
-            form: FieldSolver::Few(found.field),
+            solver: FieldSolver::Few(found.field),
             smoothness,
-            follows: surface.is_some(),
+            follows_surface: surface.is_some(),
             sample: found.sample,
             residuals: None,
             limited: 0,
         })
     }
 
-    /// The weights from some of the sites, and the field of all.
-    fn many(
+    /// The weights from some of the observations, and the field of all.
+    fn fit_many(
         self,
-        sites: &mut MergedObservations,
-        rows: &Rows<'_>,
+        merged: &mut MergedObservations,
+        rows: &FitRows<'_>,
         prior: (&Prior, Lambda),
-    ) -> Result<Found> {
-        let untied = self.smoothness().untied();
+    ) -> Result<JointSolution> {
+        let plain = self.smoothness().without_step_terms();
         let (found, surface) = join(
-            || self.weighed((sites, SOME), rows, prior, &untied),
-            || self.surface(sites, rows),
+            || self.estimate_weights((merged, SAMPLE), rows, prior, &plain),
+            || self.surface(merged, rows),
         );
         let found = found?;
         let solution = found.solution;
-        let mut start = Some(found.field);
-        if self.scene.once && sites.len() > DENSE {
-            // A field of so many sites is large, and standard deviations, for which the one of some is needed again, are
-            // not always asked for.
-            start = None;
-            self.scene.affinities.forget_prior();
+        let mut of_sample = Some(found.field);
+        if self.geometry.transient && merged.len() > DENSE {
+            // The field of many observations is large, and only standard deviations need the field of some again.
+            of_sample = None;
+            self.geometry.affinities.drop_prior();
         }
-        let (field, smoothness) = self.observed(sites, surface.as_ref())?;
+        let (field, smoothness) = self.observed(merged, surface.as_ref())?;
         let residuals = rows.residuals(&solution.weights);
-        let targets = sites.means(&residuals);
+        let targets = merged.means(&residuals);
         let (mut values, stack) = match &surface {
             None => (field.extend(&targets), None),
             Some(surface) => {
                 let weights = &solution.weights;
                 let (values, stack) = stack_many(
                     surface,
-                    (sites, rows),
+                    (merged, rows),
                     &targets,
                     &field,
                     (weights, &smoothness),
@@ -310,68 +323,72 @@ impl FieldEstimator<'_> {
                 (values, Some(stack))
             }
         };
-        let limited = self.limit_holes(sites, rows, &solution.weights, &field, &mut values);
-        Ok(Found {
+        let limited = self.limit_holes(merged, rows, &solution.weights, &field, &mut values);
+        Ok(JointSolution {
             solution,
             noise: found.noise,
             lambda: Some(found.lambda),
             values,
             stack,
-            form: FieldSolver::Many {
+            solver: FieldSolver::Many {
                 field,
-                share: found.determined / sites.len() as f64,
-                start,
+                share: found.determined / merged.len() as f64,
+                of_sample,
             },
             smoothness,
-            follows: surface.is_some(),
+            follows_surface: surface.is_some(),
             sample: found.sample,
             residuals: Some(residuals),
             limited,
         })
     }
 
-    /// Limits what basis functions add in the holes of dense sites. Returns the number of pixels that this changes.
+    /// Limits what basis functions add in the holes of dense observations. Returns the number of pixels that this changes.
     fn limit_holes(
         self,
-        sites: &MergedObservations,
-        rows: &Rows<'_>,
+        merged: &MergedObservations,
+        rows: &FitRows<'_>,
         weights: &[f64],
         field: &PrecisionSolver,
         values: &mut [f64],
     ) -> usize {
-        let (grid, size) = (self.scene.affinities.size(), self.scene.size);
-        let Some(holes) = Holes::new(&sites.taps, &sites.depths, grid, size.0, rows.scale) else {
+        let (grid, size) = (self.geometry.affinities.size(), self.geometry.size);
+        let Some(holes) = Holes::new(
+            &merged.interpolation,
+            &merged.depths,
+            grid,
+            size.0,
+            rows.scale,
+        ) else {
             return 0;
         };
         let place = |&pixel: &u32| {
             let (x, y) = (pixel as usize % grid.1, pixel as usize / grid.1);
-            [rescaled(x, grid.1, size.1), rescaled(y, grid.0, size.0)]
+            [
+                rescaled(x as f64, grid.1, size.1),
+                rescaled(y as f64, grid.0, size.0),
+            ]
         };
         let places: Vec<[f64; 2]> = holes.pixels().iter().map(place).collect();
-        // None where basis functions are known at the points only.
-        rows.combine(&places, weights).map_or(0, |functions| {
-            holes.limit(&functions, values, || field.extend(&sites.depths))
+        rows.everywhere().map_or(0, |functions| {
+            let functions = functions.combine(&places, weights);
+            holes.limit(&functions, values, || field.extend(&merged.depths))
         })
     }
 
-    fn are_few(self, sites: &MergedObservations) -> bool {
+    fn are_few(self, merged: &MergedObservations) -> bool {
         let few = |count| count <= field::MOST;
-        few(sites.len()) && self.smoothness().observations(sites).is_some_and(few)
+        few(merged.len()) && self.smoothness().equations(merged).is_some_and(few)
     }
 
     fn smoothness(self) -> Smoothness {
         Smoothness {
-            affinities: self.scene.affinities.clone(),
-            level: self.joint.level,
-            tied: self.scene.upsampling.is_some(),
+            affinities: self.geometry.affinities.clone(),
+            regularisation: self.joint.diagonal_regularisation,
+            smooths_steps: self.geometry.upsampling.is_some(),
             lumped: true,
         }
     }
-}
-
-/// The position of a pixel's centre on an axis of `from` pixels, on one of `to` pixels.
-fn rescaled(pixel: usize, from: usize, to: usize) -> f64 {
-    (pixel as f64 + 0.5) * to as f64 / from as f64 - 0.5
 }
 
 /// The field's precision takes the place of the identity in the normal equations (generalised least
@@ -379,7 +396,7 @@ fn rescaled(pixel: usize, from: usize, to: usize) -> f64 {
 pub(super) fn moments(all: &Mat<f64>, columns: usize, count: usize) -> Moments {
     Moments {
         normal: Mat::from_fn(columns, columns, |i, j| all[(i.max(j), i.min(j))]),
-        right: (0..columns).map(|i| all[(columns, i)]).collect(),
+        rhs: (0..columns).map(|i| all[(columns, i)]).collect(),
         square: all[(columns, columns)],
         count,
     }

@@ -1,14 +1,14 @@
 //! What follows from a joint fit: leverages and variances.
 
-use super::coarse::Coarse;
-use super::merged_observations::{MergedObservations, Sample};
+use super::coarse::CoarseGrid;
+use super::merged_observations::{MergedObservations, SampledObservations};
 use super::smoothness::Smoothness;
-use super::stacking::{self, Stacked};
+use super::stacking::{self, StackedResiduals};
 use super::surface::left_out;
 use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
 use crate::field::{CovarianceSolver, PrecisionSolver};
-use crate::fit::affinities::Smooth;
+use crate::fit::affinities::SmoothField;
 use crate::fit::leave_one_out::leave_one_out;
 use crate::fit::lstsq::Solution;
 use faer::{Mat, MatRef};
@@ -16,103 +16,101 @@ use faer::{Mat, MatRef};
 /// A field that was fitted.
 #[derive(Debug)]
 pub(in crate::fit) struct FieldFit {
-    pub(super) form: FieldSolver,
+    pub(super) solver: FieldSolver,
     pub(super) smoothness: Smoothness,
-    /// Whether it follows the surface that the sites span.
-    pub(super) follows: bool,
-    /// Other fits that the map heeds, too.
-    pub(super) stacked: Option<Stacked>,
-    pub(super) sites: MergedObservations,
-    /// The sites that the weights were estimated from.
-    pub(super) sample: Sample,
-    pub(in crate::fit) smooth: Smooth,
-    pub(in crate::fit) size: (usize, usize),
-    pub(in crate::fit) data: f64,
+    /// Whether it follows the surface that the observations span.
+    pub(super) follows_surface: bool,
+    /// The residuals of the stacked fits, if the map is made from several.
+    pub(super) stacked: Option<StackedResiduals>,
+    pub(super) merged: MergedObservations,
+    /// The observations that the weights were estimated from.
+    pub(super) sample: SampledObservations,
+    pub(in crate::fit) smooth: SmoothField,
+    pub(in crate::fit) observation_precision: f64,
     /// The penalties on the last weights, those of the cosines.
     pub(in crate::fit) ridges: Vec<f64>,
     /// The number of pixels in holes at which basis functions contradicted the depths around.
     pub(in crate::fit) limited: usize,
 }
 
-/// The field of a few or many sites.
+/// The field of a few or many observations.
 #[derive(Debug)]
 pub(super) enum FieldSolver {
     Few(CovarianceSolver),
     Many {
         field: PrecisionSolver,
-        /// The share of a site in what the sites determine of the weights.
+        /// The share of one observation in the directions of the weights that all determine.
         share: f64,
-        /// The field of some sites, from which the covariance of the weights was found, unless it is that of the
-        /// sample.
-        start: Option<CovarianceSolver>,
+        /// The field of the sample, from which the covariance of the weights was found, unless it was freed.
+        of_sample: Option<CovarianceSolver>,
     },
 }
 
 impl FieldFit {
     /// The leverage of each point: its weight times the variance of the fitted depth there.
     pub(in crate::fit) fn leverages(&self, solution: &Solution, weights: &[f64]) -> Vec<f64> {
-        self.leverages_of(&self.site_variances(solution), weights)
+        self.leverages_of(&self.observation_variances(solution), weights)
     }
 
-    /// The same from the variance of the fitted depth at each site.
+    /// The same from the variance of the fitted depth at each observation.
     fn leverages_of(&self, variances: &[f64], weights: &[f64]) -> Vec<f64> {
-        let pairs = self.sites.of_points().zip(weights);
-        let leverage = |(site, weight): (Option<usize>, &f64)| {
-            site.map_or(0.0, |site| {
-                let weight = weight * self.sites.scale_of(site);
-                (self.data * weight * variances[site]).clamp(0.0, 1.0)
+        let pairs = self.merged.of_points().zip(weights);
+        let leverage = |(observation, weight): (Option<usize>, &f64)| {
+            observation.map_or(0.0, |observation| {
+                let weight = weight * self.merged.scale_of(observation);
+                (self.observation_precision * weight * variances[observation]).clamp(0.0, 1.0)
             })
         };
         pairs.map(leverage).collect()
     }
 
-    /// What the map leaves of the points, if that is not what the fit leaves of them.
-    pub(in crate::fit) fn rests(&self) -> Option<&[f64]> {
+    /// The residuals of the map, if they are not those of the fit.
+    pub(in crate::fit) fn map_residuals(&self) -> Option<&[f64]> {
         Some(&self.stacked.as_ref()?.map)
     }
 
-    /// How far the map goes from the joint fit to the median of three, if it heeds others.
+    /// How far the map goes from the joint fit to the median of three, if it is made from several.
     pub(in crate::fit) fn median_share(&self) -> Option<f64> {
         Some(self.stacked.as_ref()?.share)
     }
 
     /// Corrects leave-one-out errors of points with these `values` and weights, which are those of the joint fit for a given
-    /// surface: without a site, the surface is another, too, and the map heeds other fits.
+    /// surface: without an observation the surface differs, too, and the map also depends on other fits.
     pub(in crate::fit) fn left_out(&self, values: &[f64], weights: &[f64], errors: &mut [f64]) {
-        if !self.follows {
+        if !self.follows_surface {
             return;
         }
-        let sites = &self.sites;
-        let others = left_out(&sites.places, &sites.depths, &sites.firmness());
-        let others = sites.of_points().map(|site| others[site?]);
-        let alone = self.stacked.as_ref().map(|stacked| {
-            let own = match &self.form {
+        let merged = &self.merged;
+        let others = left_out(&merged.places, &merged.depths, &merged.firmness());
+        let others = merged.of_points().map(|observation| others[observation?]);
+        let field_alone = self.stacked.as_ref().map(|stacked| {
+            let own = match &self.solver {
                 FieldSolver::Few(field) => field.variances(),
                 FieldSolver::Many { field, .. } => field.variances(),
             };
             let leverages = self.leverages_of(&own, weights);
             (
-                leave_one_out(&stacked.alone, &leverages, true),
+                leave_one_out(&stacked.field, &leverages, true),
                 stacked.share,
             )
         });
         for (i, (others, error)) in others.zip(errors).enumerate() {
             let Some(others) = others else { continue };
-            let (alone, share) = match &alone {
+            let (field_error, share) = match &field_alone {
                 Some((errors, share)) => (errors[i], *share),
                 None => (*error, 0.0),
             };
-            let [joint, median] = stacking::errors(values[i], [*error, alone], others);
+            let [joint, median] = stacking::errors(values[i], [*error, field_error], others);
             *error = joint + share * (median - joint);
         }
     }
 
-    /// The variance of the fitted depth at each site.
-    fn site_variances(&self, solution: &Solution) -> Vec<f64> {
-        match &self.form {
+    /// The variance of the fitted depth at each observation.
+    fn observation_variances(&self, solution: &Solution) -> Vec<f64> {
+        match &self.solver {
             FieldSolver::Few(field) => {
-                // What the weights add: that of the rows of the sites, which come before those of ties.
-                let along = field.left(with_depth(solution.factor.as_ref()).as_ref());
+                // What the weights add, at the observations, which come before step terms.
+                let along = field.residuals(with_depth(solution.factor.as_ref()).as_ref());
                 let variances = field
                     .variances()
                     .into_iter()
@@ -125,20 +123,20 @@ impl FieldFit {
             // Each leverage h leaves 1 - h = (1 - h of the field) (1 - share of the weights); the share is the
             // mean of all, as in generalised cross-validation (Golub, Heath and Wahba 1979).
             FieldSolver::Many { field, share, .. } => {
-                let variances = field.variances().into_iter().zip(&self.sites.weights);
+                let variances = field.variances().into_iter().zip(&self.merged.weights);
                 let both = |(own, weight): (f64, &f64)| own + share * (weight.recip() - own);
                 variances.map(both).collect()
             }
         }
     }
 
-    /// The field of many sites where it is read from these pixels, and its variance; 0 of few.
-    pub(in crate::fit) fn at(&self, taps: &InterpolationWeights) -> (f64, f64) {
-        let variance = match &self.form {
+    /// The field of many observations where it is read from these pixels, and its variance; 0 of few.
+    pub(in crate::fit) fn at(&self, interpolation: &InterpolationWeights) -> (f64, f64) {
+        let variance = match &self.solver {
             FieldSolver::Few(_) => 0.0,
-            FieldSolver::Many { field, .. } => field.variance(taps),
+            FieldSolver::Many { field, .. } => field.variance(interpolation),
         };
-        (self.smooth.read(taps), variance)
+        (self.smooth.read(interpolation), variance)
     }
 
     /// Variances at every pixel of the field, where the steps between neighbours with affinity 1 have variance 1.
@@ -153,25 +151,26 @@ impl FieldFit {
         bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
     ) -> Result<Variances, FitError> {
         let observed;
-        let field = match &self.form {
+        let field = match &self.solver {
             FieldSolver::Many { field, .. } => field,
             FieldSolver::Few(_) => {
-                let (taps, weights) = (&self.sites.taps, &self.sites.weights);
-                observed = self.smoothness.observed(taps, weights)?;
+                let (interpolation, weights) = (&self.merged.interpolation, &self.merged.weights);
+                observed = self.smoothness.observed(interpolation, weights)?;
                 &observed
             }
         };
         let own = field.pixel_variances();
-        let coarse = Coarse::new(self.size, FINE);
+        let coarse = CoarseGrid::new(self.smooth.size(), FINE);
         let weights = self.added(solution.factor.as_ref(), &coarse, bases)?;
         Ok(Variances {
-            size: self.size,
+            size: self.smooth.size(),
             field: own,
             weights: coarse.spread(&weights),
         })
     }
 
-    /// The same of the field of blocks of pixels, and of few sites without what cosines add, in a fraction of the time.
+    /// The same of the field of blocks of pixels, and of few observations without what cosines add, in a fraction of the
+    /// time.
     ///
     /// # Errors
     /// Equations that are not positive definite.
@@ -180,14 +179,18 @@ impl FieldFit {
         solution: &Solution,
         bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
     ) -> Result<Variances, FitError> {
-        let smoothness = self.smoothness.of_blocks();
+        let smoothness = self.smoothness.by_block();
         let blocks = self.smoothness.affinities.blocks();
-        let taps = self.sites.taps.iter().map(|taps| blocks.taps(taps));
-        let taps: Vec<InterpolationWeights> = taps.collect();
-        let field = smoothness.observed(&taps, &self.sites.weights)?;
-        let coarse = Coarse::new(self.size, ROUGH);
+        let interpolation = self
+            .merged
+            .interpolation
+            .iter()
+            .map(|interpolation| blocks.interpolation(interpolation));
+        let interpolation: Vec<InterpolationWeights> = interpolation.collect();
+        let field = smoothness.observed(&interpolation, &self.merged.weights)?;
+        let coarse = CoarseGrid::new(self.smooth.size(), ROUGH);
         let factor = solution.factor.as_ref();
-        let factor = match self.form {
+        let factor = match self.solver {
             // The last columns are those of the cosines.
             FieldSolver::Few(_) => factor.subcols(0, factor.ncols() - self.ridges.len()),
             FieldSolver::Many { .. } => factor,
@@ -204,32 +207,37 @@ impl FieldFit {
     fn added(
         &self,
         factor: MatRef<'_, f64>,
-        coarse: &Coarse,
+        coarse: &CoarseGrid,
         bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
     ) -> Result<Vec<f64>, FitError> {
-        let again;
-        let field = match &self.form {
+        let recomputed;
+        let field = match &self.solver {
             FieldSolver::Few(field)
             | FieldSolver::Many {
-                start: Some(field), ..
+                of_sample: Some(field),
+                ..
             } => field,
             // The field alone.
             FieldSolver::Many { .. } if self.sample.len() == 0 => {
                 return Ok(vec![0.0; coarse.pixels().count()]);
             }
             FieldSolver::Many { .. } => {
-                again = self.smoothness.untied().covariance_solver(&self.sample)?;
-                &again
+                recomputed = self
+                    .smoothness
+                    .without_step_terms()
+                    .covariance_solver(&self.sample)?;
+                &recomputed
             }
         };
         let places: Vec<[f64; 2]> = coarse.pixels().map(|(x, y)| [x as f64, y as f64]).collect();
-        let pixel =
-            |(x, y): (usize, usize)| InterpolationWeights::pixel((y * self.size.1 + x) as u32);
-        let taps: Vec<InterpolationWeights> = coarse.pixels().map(pixel).collect();
+        let pixel = |(x, y): (usize, usize)| {
+            InterpolationWeights::pixel((y * self.smooth.size().1 + x) as u32)
+        };
+        let interpolation: Vec<InterpolationWeights> = coarse.pixels().map(pixel).collect();
         let bases = bases(&places);
-        let columns = bases.len() / taps.len().max(1);
-        let responses = field.at(&taps, with_depth(factor).as_ref());
-        let rows = Mat::from_fn(taps.len(), factor.nrows(), |i, j| {
+        let columns = bases.len() / interpolation.len().max(1);
+        let responses = field.at(&interpolation, with_depth(factor).as_ref());
+        let rows = Mat::from_fn(interpolation.len(), factor.nrows(), |i, j| {
             f64::from(bases[i * columns + j])
         });
         let along = rows * factor - responses;
@@ -237,8 +245,7 @@ impl FieldFit {
     }
 }
 
-/// The numbers of pixels at which the variance that weights add is found: where it is asked for, and where it is one of
-/// several features.
+/// The numbers of pixels at which the variance that weights add is computed: for the variances, and for features.
 const FINE: usize = 1100;
 const ROUGH: usize = 300;
 

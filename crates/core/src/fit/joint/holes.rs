@@ -7,7 +7,7 @@
 //! basis functions that the surroundings contradict so clearly are outliers, and leave the field of the depths alone.
 
 use crate::bilinear::InterpolationWeights;
-use crate::fit::space::Scale;
+use crate::fit::space::DepthScale;
 use rayon::prelude::*;
 
 /// The share of the pixels that are observed, from which on the rest is holes.
@@ -19,7 +19,7 @@ const REACH: f64 = 15.0;
 const ENCLOSED: f64 = 1.2;
 const OPEN: f64 = 2.0;
 
-/// The pixels of a grid that no site lies in, among dense sites.
+/// The pixels of a grid that no observation lies in, among dense observations.
 pub(super) struct Holes {
     /// The pixels.
     pixels: Vec<u32>,
@@ -30,19 +30,19 @@ pub(super) struct Holes {
 }
 
 impl Holes {
-    /// The holes among sites with these values on a grid of `size` (height, width), in an image of the height `high`;
-    /// `None` if sites are sparse.
+    /// The holes among observations with these values on a grid of `size` (height, width), in an image of the height `high`;
+    /// `None` if observations are sparse.
     pub(super) fn new(
-        taps: &[InterpolationWeights],
+        interpolation: &[InterpolationWeights],
         values: &[f64],
         size: (usize, usize),
         high: usize,
-        scale: Scale,
+        scale: DepthScale,
     ) -> Option<Self> {
         let (height, width) = size;
         let mut known = vec![f64::NAN; height * width];
-        for (taps, &value) in taps.iter().zip(values) {
-            known[taps.nearest() as usize] = scale.depth(value);
+        for (interpolation, &value) in interpolation.iter().zip(values) {
+            known[interpolation.nearest() as usize] = scale.depth(value);
         }
         let empty = known.iter().filter(|depth| depth.is_nan()).count();
         if empty == 0 || ((known.len() - empty) as f64) < DENSE * known.len() as f64 {
@@ -72,7 +72,8 @@ impl Holes {
     }
 
     /// Changes the field at pixels in holes, where `functions` are what is added to it there, so that their sum is
-    /// within its bounds. `alone` is the field of the sites without functions. Returns the number of pixels that changed.
+    /// within its bounds. `alone` is the field of the observations without functions. Returns the number of pixels that
+    /// changed.
     pub(super) fn limit(
         &self,
         functions: &[f64],
@@ -159,7 +160,7 @@ fn ranges(
 ) -> Vec<[f64; 2]> {
     let rows = reach as usize;
     // How far the surroundings of a pixel go to both sides in each row.
-    let halves: Vec<usize> = (0..=rows)
+    let half_widths: Vec<usize> = (0..=rows)
         .map(|row| (reach * reach - (row * row) as f64).sqrt() as usize)
         .collect();
     let none = [f64::INFINITY, 0.0];
@@ -174,7 +175,7 @@ fn ranges(
         }
         let mut range = none;
         for v in y.saturating_sub(rows)..(y + rows + 1).min(height) {
-            let half = halves[v.abs_diff(y)];
+            let half = half_widths[v.abs_diff(y)];
             let row = v * width;
             for depth in &known[row + x.saturating_sub(half)..row + (x + half + 1).min(width)] {
                 // NaN is neither.
@@ -201,14 +202,14 @@ mod tests {
     fn holes(is_hole: impl Fn(usize, usize) -> bool) -> Option<Holes> {
         let pixels = (0..SIZE.0 * SIZE.1).filter(|i| !is_hole(i % SIZE.1, i / SIZE.1));
         let pixels: Vec<usize> = pixels.collect();
-        let taps: Vec<InterpolationWeights> = pixels
+        let interpolation: Vec<InterpolationWeights> = pixels
             .iter()
             .map(|&i| InterpolationWeights::pixel(i as u32))
             .collect();
         let depth = |&i: &usize| if i % SIZE.1 < 25 { 2.0 } else { 3.0 };
         let depths: Vec<f64> = pixels.iter().map(depth).collect();
-        let scale = Scale::of_points(Space::Depth, &[2.0, 3.0]);
-        Holes::new(&taps, &depths, SIZE, SIZE.0, scale)
+        let scale = DepthScale::of_points(Space::Depth, &[2.0, 3.0]);
+        Holes::new(&interpolation, &depths, SIZE, SIZE.0, scale)
     }
 
     #[test]
@@ -253,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn sparse_sites_have_no_holes() {
+    fn sparse_observations_have_no_holes() {
         assert!(holes(|x, y| x % 2 + y % 2 > 0).is_some());
         assert!(holes(|x, y| x % 3 + y % 3 > 0).is_none());
         assert!(holes(|_, _| false).is_none());

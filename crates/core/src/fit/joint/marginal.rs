@@ -22,7 +22,7 @@ impl Moments {
     /// # Errors
     /// Values that are not finite.
     pub(super) fn without_last(self, ridges: &[f64]) -> Result<(Self, Eliminated), FitError> {
-        let (last, first) = (ridges.len(), self.right.len() - ridges.len());
+        let (last, first) = (ridges.len(), self.rhs.len() - ridges.len());
         let mut normal = self.normal.get(first.., first..).to_owned();
         for (i, ridge) in ridges.iter().enumerate() {
             normal[(i, i)] += ridge;
@@ -31,15 +31,15 @@ impl Moments {
             FitError::Unsolvable("the equations of cosines are not positive definite")
         })?;
         let across = self.normal.get(first.., ..first);
-        let right = Mat::from_fn(last, 1, |i, _| self.right[first + i]);
+        let rhs = Mat::from_fn(last, 1, |i, _| self.rhs[first + i]);
         let response = normal.solve(across);
-        let alone = normal.solve(&right);
+        let alone = normal.solve(&rhs);
         let pull = across.transpose() * &alone;
-        let pairs = self.right[..first].iter().zip(pull.col_as_slice(0));
-        let met: f64 = (0..last).map(|i| right[(i, 0)] * alone[(i, 0)]).sum();
+        let pairs = self.rhs[..first].iter().zip(pull.col_as_slice(0));
+        let met: f64 = (0..last).map(|i| rhs[(i, 0)] * alone[(i, 0)]).sum();
         let others = Self {
             normal: self.normal.get(..first, ..first) - across.transpose() * &response,
-            right: pairs.map(|(right, pull)| right - pull).collect(),
+            rhs: pairs.map(|(rhs, pull)| rhs - pull).collect(),
             square: self.square - met,
             count: self.count,
         };
@@ -55,7 +55,7 @@ impl Moments {
 impl Eliminated {
     /// The solution for all columns from that for the others, x: `alone - response x` with the
     /// covariance `response K K^T response^T + W^-1`.
-    pub(super) fn beside(&self, others: &Solution) -> Solution {
+    pub(super) fn extended(&self, others: &Solution) -> Solution {
         let (first, rank) = (others.weights.len(), others.factor.ncols());
         let last = self.alone.nrows();
         let x = Mat::from_fn(first, 1, |i, _| others.weights[i]);
@@ -108,10 +108,10 @@ mod tests {
         let rows = Mat::from_fn(12, 5, value);
         let depths = Mat::from_fn(12, 1, |i, _| depth(i));
         let ridges = [0.3, 0.8];
-        let right = rows.transpose() * &depths;
+        let rhs = rows.transpose() * &depths;
         let moments = Moments {
             normal: rows.transpose() * &rows,
-            right: right.col_as_slice(0).to_vec(),
+            rhs: rhs.col_as_slice(0).to_vec(),
             square: (0..12).map(|i| depth(i).powi(2)).sum(),
             count: 12,
         };
@@ -120,19 +120,19 @@ mod tests {
             all[(3 + i, 3 + i)] += ridge;
         }
         let all = all.llt(Side::Lower).unwrap();
-        let expected = all.solve(&right);
+        let expected = all.solve(&rhs);
         let covariance = all.solve(Mat::<f64>::identity(5, 5));
 
         let (others, rest) = moments.without_last(&ridges).unwrap();
         let normal = others.normal.llt(Side::Lower).unwrap();
-        let x = normal.solve(Mat::from_fn(3, 1, |i, _| others.right[i]));
+        let x = normal.solve(Mat::from_fn(3, 1, |i, _| others.rhs[i]));
         let inverse = normal.solve(Mat::<f64>::identity(3, 3));
         let solution = Solution {
             weights: x.col_as_slice(0).to_vec(),
             rank: 3,
             factor: inverse.llt(Side::Lower).unwrap().L().to_owned(),
         };
-        let found = rest.beside(&solution);
+        let found = rest.extended(&solution);
         for i in 0..5 {
             assert!((found.weights[i] - expected[(i, 0)]).abs() < 1e-12);
         }
@@ -143,12 +143,12 @@ mod tests {
             .sum();
         assert!((determined(&others.normal, &ridges, &found) - trace).abs() < 1e-12);
         // The least sum of squares is the same.
-        let least = |square: f64, right: &[f64], x: &[f64]| {
-            square - right.iter().zip(x).map(|(r, x)| r * x).sum::<f64>()
+        let least = |square: f64, rhs: &[f64], x: &[f64]| {
+            square - rhs.iter().zip(x).map(|(r, x)| r * x).sum::<f64>()
         };
         let square = (0..12).map(|i| depth(i).powi(2)).sum();
-        let together = least(square, right.col_as_slice(0), expected.col_as_slice(0));
-        let apart = least(others.square, &others.right, &solution.weights);
+        let together = least(square, rhs.col_as_slice(0), expected.col_as_slice(0));
+        let apart = least(others.square, &others.rhs, &solution.weights);
         assert!((together - apart).abs() < 1e-12);
     }
 }

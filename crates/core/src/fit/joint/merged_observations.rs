@@ -3,8 +3,8 @@
 use super::JointConfig;
 use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
-use crate::fit::affinities::Scene;
-use crate::fit::points::Rows;
+use crate::fit::affinities::FieldGeometry;
+use crate::fit::points::{FitRows, lexicographic};
 use lsdc_kernels::schedule::InTasks;
 use lsdc_rng::Rng;
 use rayon::prelude::*;
@@ -13,32 +13,32 @@ use rayon::prelude::*;
 /// merged into one, with their mean position and depth.
 #[derive(Debug)]
 pub(super) struct MergedObservations {
-    pub(super) taps: Vec<InterpolationWeights>,
+    pub(super) interpolation: Vec<InterpolationWeights>,
     pub(super) weights: Vec<f64>,
     pub(super) depths: Vec<f64>,
     /// Mean positions (u, v) on the grid of the field.
     pub(super) places: Vec<[f64; 2]>,
     /// The mean weight of the points of each.
     means: Vec<f64>,
-    /// By what [`Self::scale`] multiplied the weights.
+    /// The factors of [`Self::scale`].
     scales: Vec<f64>,
-    /// The site of each point, [`NONE`] if the point has no weight.
+    /// The observation of each point, [`NONE`] if the point has no weight.
     of_points: Vec<u32>,
-    /// The points of all sites, one site after the other.
+    /// The points of all observations, one observation after the other.
     members: Vec<u32>,
-    /// The share of each of these in its site.
+    /// The share of each of these in its observation.
     shares: Vec<f64>,
-    /// Where the points of each site begin, and the end.
+    /// Where the points of each observation begin, and the end.
     starts: Vec<usize>,
 }
 
-/// No site.
+/// No observation.
 const NONE: u32 = u32::MAX;
 
-/// Some sites, with their basis functions.
+/// A sample of observations, with their basis functions.
 #[derive(Debug)]
-pub(super) struct Sample {
-    pub(super) taps: Vec<InterpolationWeights>,
+pub(super) struct SampledObservations {
+    pub(super) interpolation: Vec<InterpolationWeights>,
     pub(super) weights: Vec<f64>,
     /// Basis functions, each the mean of the points, and depth.
     pub(super) rows: Vec<f64>,
@@ -46,15 +46,15 @@ pub(super) struct Sample {
 
 impl MergedObservations {
     pub(super) fn new(
-        rows: &Rows<'_>,
+        rows: &FitRows<'_>,
         weights: &[f64],
-        scene: Scene<'_>,
+        geometry: FieldGeometry<'_>,
         joint: &JointConfig,
     ) -> Result<Self, FitError> {
         let places = rows.places.ok_or_else(|| {
             FitError::Shape("a field cannot be fitted to points whose places are unknown".into())
         })?;
-        let (mut members, starts) = by_pixel(places, weights, scene);
+        let (mut members, starts) = by_pixel(places, weights, geometry);
         // Within a pixel by place and depth, so that the order of the points does not matter.
         let key = |i: u32| {
             let i = i as usize;
@@ -67,16 +67,10 @@ impl MergedObservations {
             groups.push(own);
             rest = others;
         }
-        let site = |points: &mut [u32]| {
-            points.sort_unstable_by(|&a, &b| {
-                let keys = key(a).into_iter().zip(key(b));
-                let unlike = keys
-                    .map(|(a, b)| a.total_cmp(&b))
-                    .find(|order| order.is_ne());
-                unlike.unwrap_or(a.cmp(&b))
-            });
+        let observation = |points: &mut [u32]| {
+            points.sort_unstable_by(|&a, &b| lexicographic(key(a), key(b)).then(a.cmp(&b)));
             let total: f64 = points.iter().map(|&i| weights[i as usize]).sum();
-            // Off the first place: the mean of equal places is that place.
+            // Relative to the first position, so that the mean of equal positions is exact.
             let (first, mut off, mut depth) = (places[points[0] as usize], [0.0; 2], 0.0);
             for &i in &*points {
                 let i = i as usize;
@@ -87,115 +81,132 @@ impl MergedObservations {
                 }
             }
             let place = [first[0] + off[0], first[1] + off[1]];
-            (scene.taps(place), total, depth, scene.on_grid(place))
+            (
+                geometry.interpolation(place),
+                total,
+                depth,
+                geometry.on_grid(place),
+            )
         };
-        let found: Vec<_> = groups.into_par_iter().gather(site);
-        let mut of_points = vec![NONE; places.len()];
-        let mut shares = Vec::with_capacity(members.len());
-        for (site, ([start, end], (_, total, ..))) in starts.array_windows().zip(&found).enumerate()
-        {
-            for &i in &members[*start..*end] {
-                of_points[i as usize] = site as u32;
-                shares.push(weights[i as usize] / total);
-            }
-        }
-        let counts = starts
-            .array_windows()
-            .map(|[start, end]| (end - start) as f64);
-        let means = found.iter().zip(counts).map(|(site, count)| site.1 / count);
-        Ok(Self {
-            taps: found.iter().map(|site| site.0).collect(),
-            weights: found.iter().map(|site| joint.data * site.1).collect(),
-            depths: found.iter().map(|site| site.2).collect(),
-            places: found.iter().map(|site| site.3).collect(),
-            means: means.collect(),
-            scales: vec![1.0; found.len()],
-            of_points,
+        let found: Vec<_> = groups.into_par_iter().gather(observation);
+        let count = found.len();
+        let mut merged = Self {
+            interpolation: Vec::with_capacity(count),
+            weights: Vec::with_capacity(count),
+            depths: Vec::with_capacity(count),
+            places: Vec::with_capacity(count),
+            means: Vec::with_capacity(count),
+            scales: vec![1.0; count],
+            of_points: vec![NONE; places.len()],
+            shares: Vec::with_capacity(members.len()),
             members,
-            shares,
             starts,
-        })
+        };
+        for (observation, (interpolation, total, depth, place)) in found.into_iter().enumerate() {
+            let range = merged.starts[observation]..merged.starts[observation + 1];
+            merged.means.push(total / range.len() as f64);
+            for &i in &merged.members[range] {
+                merged.of_points[i as usize] = observation as u32;
+                merged.shares.push(weights[i as usize] / total);
+            }
+            merged.interpolation.push(interpolation);
+            merged.weights.push(joint.observation_precision * total);
+            merged.depths.push(depth);
+            merged.places.push(place);
+        }
+        Ok(merged)
     }
 
-    /// The number of sites.
+    /// The number of observations.
     pub(super) fn len(&self) -> usize {
-        self.taps.len()
+        self.interpolation.len()
     }
 
-    /// How far each site is believed beside others: by the mean weight of its points, at most 1.
+    /// The mean weight of the points of each observation, at most 1.
     pub(super) fn firmness(&self) -> Vec<f64> {
         self.means.iter().map(|mean| mean.min(1.0)).collect()
     }
 
-    /// Multiplies the weight of each site by a factor that depends on its depth.
+    /// Multiplies the weight of each observation by a factor that depends on its depth.
     pub(super) fn scale(&mut self, factor: impl Fn(f64) -> f64) {
-        let sites = self.weights.iter_mut().zip(&mut self.scales);
-        for ((weight, scale), &depth) in sites.zip(&self.depths) {
+        let pairs = self.weights.iter_mut().zip(&mut self.scales);
+        for ((weight, scale), &depth) in pairs.zip(&self.depths) {
             let factor = factor(depth);
             *weight *= factor;
             *scale *= factor;
         }
     }
 
-    /// By what the weight of a site was multiplied.
-    pub(super) fn scale_of(&self, site: usize) -> f64 {
-        self.scales[site]
+    /// The factor of the weight of an observation.
+    pub(super) fn scale_of(&self, observation: usize) -> f64 {
+        self.scales[observation]
     }
 
-    /// The mean at each site of values at the points.
+    /// The mean at each observation of values at the points.
     pub(super) fn means(&self, values: &[f64]) -> Vec<f64> {
-        let mean = |site| {
-            let members = self.members(site);
+        let mean = |observation| {
+            let members = self.members(observation);
             members.map(|(i, share)| share * values[i]).sum()
         };
         (0..self.len()).map(mean).collect()
     }
 
-    /// The points of a site and their shares.
-    fn members(&self, site: usize) -> impl Iterator<Item = (usize, f64)> {
-        let range = self.starts[site]..self.starts[site + 1];
+    /// The points of an observation and their shares.
+    fn members(&self, observation: usize) -> impl Iterator<Item = (usize, f64)> {
+        let range = self.starts[observation]..self.starts[observation + 1];
         let pairs = self.members[range.clone()].iter().zip(&self.shares[range]);
         pairs.map(|(&i, &share)| (i as usize, share))
     }
 
-    /// The site of each point, unless it has no weight.
+    /// The observation of each point, unless it has no weight.
     pub(super) fn of_points(&self) -> impl Iterator<Item = Option<usize>> {
-        let site = |&site: &u32| (site != NONE).then_some(site as usize);
-        self.of_points.iter().map(site)
+        let observation =
+            |&observation: &u32| (observation != NONE).then_some(observation as usize);
+        self.of_points.iter().map(observation)
     }
 
-    /// At most so many sites with their basis functions: a random choice, which is the same for the same sites.
+    /// A random sample of at most `most` observations with their basis functions, the same for the same observations.
     ///
     /// # Errors
     /// Basis functions that are not finite.
-    pub(super) fn sample(&self, most: usize, rows: &Rows<'_>) -> Result<Sample, FitError> {
-        /// Sites whose points are evaluated at once.
+    pub(super) fn sample(
+        &self,
+        most: usize,
+        rows: &FitRows<'_>,
+    ) -> Result<SampledObservations, FitError> {
+        /// Observations whose points are evaluated at once.
         const TOGETHER: usize = 128;
         let chosen = choice(self.len(), most);
         let columns = rows.columns();
         let mut values = vec![0.0; chosen.len() * (columns + 1)];
         let parts = values.par_chunks_mut(TOGETHER * (columns + 1));
-        let gather = |(values, sites): (&mut [f64], &[usize])| {
-            let members = || sites.iter().map(|&site| self.members(site));
+        let gather = |(values, indices): (&mut [f64], &[usize])| {
+            let members = || indices.iter().map(|&observation| self.members(observation));
             let points: Vec<usize> = members().flatten().map(|(i, _)| i).collect();
             let bases = rows.bases_of(&points)?;
             let mut own = bases.chunks_exact(columns.max(1));
-            let targets = values.chunks_exact_mut(columns + 1).zip(sites);
-            for ((row, &site), members) in targets.zip(members()) {
+            let targets = values.chunks_exact_mut(columns + 1).zip(indices);
+            for ((row, &observation), members) in targets.zip(members()) {
                 for ((_, share), base) in members.zip(&mut own) {
                     let pairs = row.iter_mut().zip(base);
                     pairs.for_each(|(sum, value)| *sum += share * f64::from(*value));
                 }
-                row[columns] = self.depths[site];
+                row[columns] = self.depths[observation];
             }
             Ok(())
         };
         parts
             .zip(chosen.par_chunks(TOGETHER))
             .gather::<Result<(), FitError>, _>(gather)?;
-        Ok(Sample {
-            taps: chosen.iter().map(|&site| self.taps[site]).collect(),
-            weights: chosen.iter().map(|&site| self.weights[site]).collect(),
+        Ok(SampledObservations {
+            interpolation: chosen
+                .iter()
+                .map(|&observation| self.interpolation[observation])
+                .collect(),
+            weights: chosen
+                .iter()
+                .map(|&observation| self.weights[observation])
+                .collect(),
             rows: values,
         })
     }
@@ -203,13 +214,17 @@ impl MergedObservations {
 
 /// The points with a weight, sorted by the pixels of the field that contain them, and where those of each pixel with
 /// points begin, and the end.
-fn by_pixel(places: &[[f64; 2]], weights: &[f64], scene: Scene<'_>) -> (Vec<u32>, Vec<usize>) {
-    let (height, width) = scene.affinities.size();
+fn by_pixel(
+    places: &[[f64; 2]],
+    weights: &[f64],
+    geometry: FieldGeometry<'_>,
+) -> (Vec<u32>, Vec<usize>) {
+    let (height, width) = geometry.affinities.size();
     let pairs = places.par_iter().zip(weights);
     let pixels: Vec<u32> = pairs
         .map(|(&place, weight)| {
             let counts = *weight > 0.0;
-            counts.then(|| scene.affinities.pixel(place, scene.size))
+            counts.then(|| geometry.affinities.pixel(place, geometry.size))
         })
         .map(|pixel| pixel.unwrap_or(NONE))
         .collect();
@@ -246,10 +261,10 @@ fn choice(count: usize, most: usize) -> Vec<usize> {
     all
 }
 
-impl Sample {
-    /// The number of sites.
+impl SampledObservations {
+    /// The number of observations.
     pub(super) fn len(&self) -> usize {
-        self.taps.len()
+        self.interpolation.len()
     }
 
     /// The number of basis functions, including the cosines.

@@ -3,8 +3,9 @@
 //! Depth is modelled as F w + y, where y is a field that is smooth except across edges of the image
 //! ([`crate::field`]) and w are the weights of the basis functions. Together they minimise
 //!
-//! > sum over neighbours c_ij (y_i - y_j)^2 + level |y|^2 + data |F_s w + y_s - d|^2 + ridge |w|^2
+//! > sum over neighbours c_ij (y_i - y_j)^2 + e |y|^2 + a |F_s w + y_s - d|^2 + ridge |w|^2
 //!
+//! with e the diagonal regularisation (`level`) and a the observation precision (`data`),
 //! which is universal kriging (Matheron 1969) with a field in place of a covariance function. Fitting a field
 //! to the residuals of a plain fit afterwards gains nothing, because the basis functions have already been
 //! used up to match the points; jointly, the basis functions represent what the field cannot. Without basis
@@ -25,7 +26,7 @@ mod stacking;
 mod surface;
 #[cfg(test)]
 mod tests;
-mod weighed;
+mod weight_estimate;
 
 pub(super) use estimate::FieldEstimator;
 pub(super) use fitted::FieldFit;
@@ -40,12 +41,15 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct JointConfig {
-    /// Weight of a point relative to an affinity of 1 between neighbouring pixels.
-    pub data: f64,
+    /// Precision of an observation of weight 1, relative to an affinity of 1 between neighbouring pixels: `data` in
+    /// configs.
+    #[serde(rename = "data")]
+    pub observation_precision: f64,
     /// Penalty on the square of each weight, if there is no prior over the weights.
     pub ridge: f64,
-    /// Penalty on the square of the field at each pixel, which keeps it near 0 far from points.
-    pub level: f64,
+    /// Penalty on the square of the field at each pixel, which keeps it near 0 far from points: `level` in configs.
+    #[serde(rename = "level")]
+    pub diagonal_regularisation: f64,
     /// Highest frequency of the cosine basis, which is part of the field, because first differences alone
     /// flatten slopes between points. 0: no cosines; F: wavelengths down to half the width of the image
     /// divided by F.
@@ -60,9 +64,9 @@ pub struct JointConfig {
 impl Default for JointConfig {
     fn default() -> Self {
         Self {
-            data: 100.0,
+            observation_precision: 100.0,
             ridge: 1.0,
-            level: 1e-7,
+            diagonal_regularisation: 1e-7,
             cosines: 0.0,
             surface: true,
             // Of 0.2, 0.3, 0.57, 1 and 2 on 60 training frames: the smaller, the better with 500 points
@@ -73,11 +77,11 @@ impl Default for JointConfig {
 }
 
 impl JointConfig {
-    /// The settings for a field alone: without cosines and without `level`.
+    /// The settings for a field alone: without cosines and without regularisation of the diagonal.
     #[must_use]
     pub fn alone(self) -> Self {
         Self {
-            level: 0.0,
+            diagonal_regularisation: 0.0,
             cosines: 0.0,
             ..self
         }
@@ -95,13 +99,15 @@ impl JointConfig {
                 "`joint.cosines` must be from 0 to {MOST}"
             )));
         }
-        if !(self.level >= field::LEAST_LEVEL && self.level.is_finite()) {
+        if !(self.diagonal_regularisation >= field::LEAST_REGULARISATION
+            && self.diagonal_regularisation.is_finite())
+        {
             return Err(SettingsError::new(format!(
                 "`joint.level` must be at least {:e}",
-                field::LEAST_LEVEL
+                field::LEAST_REGULARISATION
             )));
         }
-        if [self.data, self.ridge, self.bending]
+        if [self.observation_precision, self.ridge, self.bending]
             .iter()
             .all(|v| *v > 0.0 && v.is_finite())
         {

@@ -2,7 +2,7 @@
 
 use super::JointConfig;
 use crate::bilinear::InterpolationWeights;
-use crate::field::{self, CovarianceSolver, FieldPrior, Grid, Observations, PrecisionSolver};
+use crate::field::{self, CovarianceSolver, FieldPrior, Grid, PrecisionSolver};
 use crate::fit::lstsq::dot;
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
@@ -17,7 +17,7 @@ pub struct Adjoint {
     pixels: Vec<u32>,
     /// Basis functions and depth of each.
     values: Vec<f64>,
-    data: f64,
+    observation_precision: f64,
     normal: Llt<f64>,
     field: FieldSolver,
     weights: Vec<f64>,
@@ -40,17 +40,22 @@ enum FieldSolver {
 }
 
 impl FieldSolver {
-    fn new(grid: &Grid<'_>, prior: Option<&FieldPrior>, seen: &Observations<'_>) -> Option<Self> {
-        if let Some(prior) = prior.filter(|_| seen.taps.len() <= field::MOST) {
-            return CovarianceSolver::new(prior, seen).map(Self::Few);
+    fn new(
+        (grid, prior): (&Grid<'_>, Option<&FieldPrior>),
+        interpolation: &[InterpolationWeights],
+        weights: &[f64],
+        columns: &[f64],
+    ) -> Option<Self> {
+        if let Some(prior) = prior.filter(|_| interpolation.len() <= field::MOST) {
+            return CovarianceSolver::new(prior, interpolation, weights, columns).map(Self::Few);
         }
-        PrecisionSolver::new(grid, seen.taps, seen.weights).map(Self::Many)
+        PrecisionSolver::new(grid, interpolation, weights).map(Self::Many)
     }
 
-    fn moments(&self, seen: &Observations<'_>) -> Mat<f64> {
+    fn moments(&self, columns: &[f64], count: usize) -> Mat<f64> {
         match self {
             Self::Few(field) => field.moments().clone(),
-            Self::Many(field) => field.moments(seen.columns, seen.count),
+            Self::Many(field) => field.moments(columns, count),
         }
     }
 
@@ -85,18 +90,13 @@ impl Adjoint {
         config: JointConfig,
         free: usize,
     ) -> Option<Self> {
-        let taps: Vec<InterpolationWeights> = pixels
+        let interpolation: Vec<InterpolationWeights> = pixels
             .iter()
             .map(|&pixel| InterpolationWeights::pixel(pixel))
             .collect();
-        let seen = Observations {
-            taps: &taps,
-            weights: &vec![config.data; pixels.len()],
-            columns: &values,
-            count: values.len() / pixels.len().max(1),
-        };
-        let field = FieldSolver::new(&grid, prior, &seen)?;
-        let moments = field.moments(&seen);
+        let precisions = vec![config.observation_precision; pixels.len()];
+        let field = FieldSolver::new((&grid, prior), &interpolation, &precisions, &values)?;
+        let moments = field.moments(&values, values.len() / pixels.len().max(1));
         let k = moments.ncols() - 1;
         let mut normal = moments.get(..k, ..k).to_owned();
         for i in free..k {
@@ -113,7 +113,7 @@ impl Adjoint {
             candidates,
             pixels,
             values,
-            data: config.data,
+            observation_precision: config.observation_precision,
             normal,
             field,
             weights,
@@ -135,7 +135,7 @@ impl Adjoint {
         let mut smooth = self.field.solve(grad_field);
         let mut right = Mat::from_fn(k, 1, |i, _| grad_weights[i]);
         for (row, &pixel) in self.values.chunks_exact(k + 1).zip(&self.pixels) {
-            let pull = self.data * smooth[pixel as usize];
+            let pull = self.observation_precision * smooth[pixel as usize];
             for (i, value) in row[..k].iter().enumerate() {
                 right[(i, 0)] -= pull * value;
             }
@@ -152,7 +152,8 @@ impl Adjoint {
             let rest = dot(row, &self.weights) + self.smooth[at] - row[k];
             let adjoint = dot(row, &weights) + smooth[at];
             let pairs = weights.iter().zip(&self.weights);
-            bases.extend(pairs.map(|(v, w)| -self.data * (rest * v + adjoint * w)));
+            bases
+                .extend(pairs.map(|(v, w)| -self.observation_precision * (rest * v + adjoint * w)));
         }
         let mut affinities = vec![0.0; 2 * smooth.len()];
         for (i, pair) in affinities.chunks_exact_mut(2).enumerate() {

@@ -1,28 +1,28 @@
-//! How smooth the field of an image is, and how sites join it.
+//! How smooth the field of an image is, and how observations are added to it.
 
 use super::crowded::Crowded;
-use super::merged_observations::{MergedObservations, Sample};
+use super::merged_observations::{MergedObservations, SampledObservations};
 use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
-use crate::field::{CovarianceSolver, Grid, Observations, PrecisionSolver};
+use crate::field::{CovarianceSolver, Grid, PrecisionSolver};
 use crate::fit::affinities::Affinities;
 
-/// The field of an image before any site.
+/// The field of an image before any observation.
 #[derive(Clone, Debug)]
 pub(super) struct Smoothness {
     pub(super) affinities: Affinities,
-    pub(super) level: f64,
-    /// Whether the pixels that a site is read from are tied: in an image that is larger than the field.
-    pub(super) tied: bool,
-    /// Whether sites are lumped where they are crowded: not where the field is only asked for roughly.
+    pub(super) regularisation: f64,
+    /// Whether [step terms](SmoothnessTerm) are added: in an image that is larger than the field.
+    pub(super) smooths_steps: bool,
+    /// Whether observations are lumped where they are crowded: not in a rough field.
     pub(super) lumped: bool,
 }
 
-/// A penalty on the square of the step of the field between two neighbouring pixels that a site is read from. A
-/// point that lies between two pixels belongs to one of them in truth, so that the sum of both squared errors,
-/// each by its share, says more than the squared error of the mean: it is larger by the product of the shares
-/// and the squared step. Without any of it, two points in one cell of the grid, one on each side of an edge that
-/// the colours do not show, would pull its pixels far apart.
+/// A penalty on the square of the step of the field between two neighbouring pixels that an observation is read from. A
+/// point between two pixels belongs to one of them, so that its error is the sum of both squared errors, each by its
+/// share, rather than the squared error of the mean: it is larger by the product of the shares and the squared step.
+/// Without this term, two points in one cell of the grid, on both sides of an edge that the colours do not show, would
+/// force its pixels to extreme values.
 #[derive(Clone, Copy, Debug)]
 struct SmoothnessTerm {
     one: u32,
@@ -33,137 +33,150 @@ struct SmoothnessTerm {
 }
 
 impl Smoothness {
-    /// The field with a few sites and their columns.
+    pub(super) fn grid(&self) -> Grid<'_> {
+        self.affinities.grid(self.regularisation)
+    }
+
+    /// The field with a few observations and their columns.
     ///
     /// # Errors
     /// Equations that are not positive definite.
-    pub(super) fn covariance_solver(&self, sample: &Sample) -> Result<CovarianceSolver, FitError> {
-        let prior = self.affinities.prior(self.level).ok_or_else(unsolvable)?;
-        let ties = self.ties(&sample.taps, &sample.weights, &Crowded::nowhere());
-        let count = sample.columns() + 1;
-        let seen = Observations {
-            taps: &sample.taps,
-            weights: &sample.weights,
-            columns: &sample.rows,
-            count,
-        };
-        let field = if ties.is_empty() {
-            CovarianceSolver::new(&prior, &seen)
+    pub(super) fn covariance_solver(
+        &self,
+        sample: &SampledObservations,
+    ) -> Result<CovarianceSolver, FitError> {
+        let prior = self
+            .affinities
+            .prior(self.regularisation)
+            .ok_or_else(unsolvable)?;
+        let terms = self.step_terms(&sample.interpolation, &sample.weights, &Crowded::nowhere());
+        let SampledObservations {
+            interpolation,
+            weights,
+            rows,
+        } = sample;
+        let field = if terms.is_empty() {
+            CovarianceSolver::new(&prior, interpolation, weights, rows)
         } else {
-            // Ties are further observations, of a step of 0 without basis functions.
-            let steps = ties
+            // Terms are further observations, of a step of 0 without basis functions.
+            let steps = terms
                 .iter()
-                .map(|tie| InterpolationWeights::difference(tie.one, tie.other));
-            let weights = ties.iter().map(|tie| tie.weight);
-            let nothing = vec![0.0; ties.len() * count];
-            let tied = Observations {
-                taps: &[seen.taps, &steps.collect::<Vec<_>>()].concat(),
-                weights: &[seen.weights, &weights.collect::<Vec<_>>()].concat(),
-                columns: &[seen.columns, &nothing].concat(),
-                count,
-            };
-            CovarianceSolver::new(&prior, &tied)
+                .map(|term| InterpolationWeights::difference(term.one, term.other));
+            let interpolation: Vec<_> = interpolation.iter().copied().chain(steps).collect();
+            let precisions = terms.iter().map(|term| term.weight);
+            let weights: Vec<f64> = weights.iter().copied().chain(precisions).collect();
+            let zeros = vec![0.0; terms.len() * (sample.columns() + 1)];
+            CovarianceSolver::new(
+                &prior,
+                &interpolation,
+                &weights,
+                &[&rows[..], &zeros].concat(),
+            )
         };
         field.ok_or_else(unsolvable)
     }
 
     /// The field of blocks of pixels.
-    pub(super) fn of_blocks(&self) -> Self {
+    pub(super) fn by_block(&self) -> Self {
         Self {
-            affinities: self.affinities.of_blocks().clone(),
-            level: self.level * self.affinities.blocks().area() as f64,
-            tied: self.tied,
+            affinities: self.affinities.by_block().clone(),
+            regularisation: self.regularisation * self.affinities.blocks().area() as f64,
+            smooths_steps: self.smooths_steps,
             lumped: false,
         }
     }
 
-    /// The same without ties, which matter next to sites that a map is read at, not for the weights.
-    pub(super) fn untied(&self) -> Self {
+    /// The same without step terms, which matter for the map, not for the weights.
+    pub(super) fn without_step_terms(&self) -> Self {
         Self {
-            tied: false,
+            smooths_steps: false,
             ..self.clone()
         }
     }
 
-    /// The number of observations that sites are, with their ties, where no site is lumped.
-    pub(super) fn observations(&self, sites: &MergedObservations) -> Option<usize> {
-        let crowded = self.crowded(&sites.taps);
-        let ties = || self.ties(&sites.taps, &sites.weights, &crowded).len();
-        (!crowded.any()).then(|| sites.len() + ties())
+    /// The number of observations and step terms, where no observation is lumped.
+    pub(super) fn equations(&self, merged: &MergedObservations) -> Option<usize> {
+        let crowded = self.crowded(&merged.interpolation);
+        let terms = || {
+            self.step_terms(&merged.interpolation, &merged.weights, &crowded)
+                .len()
+        };
+        (!crowded.any()).then(|| merged.len() + terms())
     }
 
-    /// The field with any number of sites.
+    /// The field with any number of observations.
     ///
     /// # Errors
     /// Equations that are not positive definite.
     pub(super) fn observed(
         &self,
-        taps: &[InterpolationWeights],
+        interpolation: &[InterpolationWeights],
         weights: &[f64],
     ) -> Result<PrecisionSolver, FitError> {
-        let grid = self.affinities.grid(self.level);
-        let crowded = self.crowded(taps);
-        let ties = self.ties(taps, weights, &crowded);
-        let lumped = |site: usize| crowded.is(site);
-        let field = if ties.is_empty() {
-            PrecisionSolver::with_lumped(&grid, taps, weights, lumped)
+        let grid = self.grid();
+        let crowded = self.crowded(interpolation);
+        let terms = self.step_terms(interpolation, weights, &crowded);
+        let lumped = |observation: usize| crowded.is(observation);
+        let field = if terms.is_empty() {
+            PrecisionSolver::with_lumped(&grid, interpolation, weights, lumped)
         } else {
             let (mut right, mut down) = (grid.right.to_vec(), grid.down.to_vec());
-            for tie in ties {
-                let along = if tie.down { &mut down } else { &mut right };
-                along[tie.one as usize] += tie.weight;
+            for term in terms {
+                let along = if term.down { &mut down } else { &mut right };
+                along[term.one as usize] += term.weight;
             }
-            let tied = Grid {
+            let stiffened = Grid {
                 right: &right,
                 down: &down,
                 ..grid
             };
-            PrecisionSolver::with_lumped(&tied, taps, weights, lumped)
+            PrecisionSolver::with_lumped(&stiffened, interpolation, weights, lumped)
         };
         field.ok_or_else(unsolvable)
     }
 
-    /// The sites that are lumped.
-    fn crowded(&self, taps: &[InterpolationWeights]) -> Crowded {
+    /// The observations that are lumped.
+    fn crowded(&self, interpolation: &[InterpolationWeights]) -> Crowded {
         if self.lumped {
-            Crowded::among(taps, self.affinities.size())
+            Crowded::among(interpolation, self.affinities.size())
         } else {
             Crowded::nowhere()
         }
     }
 
-    /// The ties of the sites that are not lumped.
-    fn ties(
+    /// The step terms of the observations that are not lumped.
+    fn step_terms(
         &self,
-        taps: &[InterpolationWeights],
+        interpolation: &[InterpolationWeights],
         weights: &[f64],
         crowded: &Crowded,
     ) -> Vec<SmoothnessTerm> {
-        /// Weight of the product of shares and squared step, relative to that of the site. Of 0.001, 0.003, 0.01,
+        /// Weight of the product of shares and squared step, relative to that of the observation. Of 0.001, 0.003, 0.01,
         /// 0.03 and 0.1 on frames of training and of other cameras: with more, edges are less sharp.
-        const TIE: f64 = 0.01;
-        /// Ties that are weaker than the affinity of the pixels times this are left out: they change next to
-        /// nothing.
-        const TELLING: f64 = 4.0;
-        let mut ties = Vec::new();
-        if !self.tied {
-            return ties;
+        const STEP: f64 = 0.01;
+        /// Terms weaker than the affinity of the pixels times this are left out: they change next to nothing.
+        const RELEVANT: f64 = 4.0;
+        let mut terms = Vec::new();
+        if !self.smooths_steps {
+            return terms;
         }
-        let grid = self.affinities.grid(self.level);
-        let alone = taps.iter().zip(weights).enumerate();
-        for (_, (taps, weight)) in alone.filter(|(site, _)| !crowded.is(*site)) {
-            for (i, (one, share)) in taps.iter().enumerate() {
+        let grid = self.grid();
+        let alone = interpolation.iter().zip(weights).enumerate();
+        for (_, (interpolation, weight)) in
+            alone.filter(|(observation, _)| !crowded.is(*observation))
+        {
+            for (i, (one, share)) in interpolation.iter().enumerate() {
                 // In the order of the pixels.
-                for (other, across) in taps.iter().skip(i + 1) {
+                for (other, across) in interpolation.iter().skip(i + 1) {
                     let down = other as usize == one as usize + grid.width;
                     let beside = other == one + 1 && !(other as usize).is_multiple_of(grid.width);
                     if !down && !beside {
                         continue;
                     }
                     let along = if down { grid.down } else { grid.right };
-                    let weight = TIE * weight * share * across;
-                    if weight > TELLING * along[one as usize] {
-                        ties.push(SmoothnessTerm {
+                    let weight = STEP * weight * share * across;
+                    if weight > RELEVANT * along[one as usize] {
+                        terms.push(SmoothnessTerm {
                             one,
                             other,
                             down,
@@ -173,7 +186,7 @@ impl Smoothness {
                 }
             }
         }
-        ties
+        terms
     }
 }
 

@@ -1,129 +1,127 @@
-//! The joint fit beside two other interpolations of the same sites: the field alone, which knows no basis functions, and
-//! the surface that the sites span, which knows no image.
+//! The joint fit stacked with two other interpolations of the same observations: the field alone, without basis
+//! functions, and the surface that the observations span, which does not depend on the image.
 //!
-//! Where the network knows the place, the joint fit is the best of the three; where it does not, or across an edge that
-//! the image does not show, the others may be. At a pixel, the depth with the smallest sum of distances to all three is
-//! their median m. The map is `z + s (m - z)`, z being the joint fit and s from 0 to 1. With few sites, s minimises the
-//! absolute errors of the sites, each predicted by all three without it (stacking: Wolpert 1992, Breiman 1996):
+//! On images like the training images, the joint fit is the best of the three; on others, or across an edge that the
+//! image does not show, another may be. At a pixel, the depth with the smallest sum of distances to all three is their
+//! median m. The map is `z + s (m - z)`, where z is the joint fit and s from 0 to 1. With few observations, s minimises
+//! the absolute errors of the observations, each predicted by all three without it (stacking: Wolpert 1992, Breiman
+//! 1996):
 //!
-//! > sum over sites |d - z' - s (m' - z')|
+//! > sum over observations |d - z' - s (m' - z')|
 //!
-//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. Sites judge gaps as wide as those around
-//! themselves: in wider ones s is smaller, and outside of what the sites span the map is the joint fit. With many sites,
-//! none of which judge, the map is the median inside.
+//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. Observations test gaps as wide as those
+//! around themselves: in wider gaps s is smaller, and outside of the surface the map is the joint fit. With many
+//! observations no s is estimated, and the map is the median inside.
 
 use super::merged_observations::MergedObservations;
 use super::smoothness::Smoothness;
 use super::surface::{LeftOut, Surface, left_out};
-use super::weighed::Weighed;
+use super::weight_estimate::WeightEstimate;
 use crate::field::{CovarianceSolver, PrecisionSolver};
 use crate::fit::leave_one_out::least_freedom;
 use crate::fit::lstsq::dot;
-use crate::fit::points::Rows;
+use crate::fit::points::FitRows;
 use lsdc_kernels::schedule::join;
 
 /// The fits at every pixel of the field.
 pub(super) struct Stack {
-    /// The joint fit, less what basis functions say.
+    /// The field of the joint fit, without its basis functions.
     pub(super) joint: Vec<f64>,
     /// The field alone.
-    pub(super) alone: Vec<f64>,
+    pub(super) field: Vec<f64>,
     /// How far the map goes from the joint fit to the median.
     pub(super) share: f64,
 }
 
-/// What a stack leaves of the points.
+/// The residuals of the points: of the map, and of the field alone.
 #[derive(Debug)]
-pub(super) struct Stacked {
-    /// Depth less the map, and less the field alone.
+pub(super) struct StackedResiduals {
     pub(super) map: Vec<f64>,
-    pub(super) alone: Vec<f64>,
+    pub(super) field: Vec<f64>,
     pub(super) share: f64,
 }
 
-/// The share of more sites than are judged one by one. From 0 to 1, the errors with 2,000 and 5,000 points at random
-/// change by less than 0.3 % indoors, and fall outdoors; with 16 rows of points they rise by 1.5 % indoors.
+/// The share for more observations than are predicted one by one. From 0 to 1, the errors with 2,000 and 5,000 points at
+/// random change by less than 0.3 % indoors, and fall outdoors; with 16 rows of points they rise by 1.5 % indoors.
 const OF_MANY: f64 = 1.0;
 
-/// The share that is assumed, with the weight of so many sites.
+/// The prior share, with the weight of this many observations.
 const ASSUMED: f64 = 0.0;
 const WEIGHT: f64 = 10.0;
 
 impl Stack {
-    /// The map, less what basis functions say, which is given at every pixel beside the depth of the surface and how far
-    /// the share holds there. Outside of the surface it is the joint fit.
+    /// The map, without the basis functions, whose values at every pixel are `functions`. `surface` has the depth of the
+    /// surface and the share of [`Self::share`] that applies there; outside of it, the map is the joint fit.
     fn map(
         &self,
         functions: &[f32],
         surface: impl Iterator<Item = Option<(f64, f64)>>,
     ) -> Vec<f64> {
-        let fits = self.joint.iter().zip(&self.alone);
+        let fits = self.joint.iter().zip(&self.field);
         let pixels = fits.zip(functions).zip(surface);
         pixels
-            .map(|(((joint, alone), functions), surface)| {
-                let Some((surface, holds)) = surface else {
+            .map(|(((joint, field), functions), surface)| {
+                let Some((surface, narrow)) = surface else {
                     return *joint;
                 };
-                let others = [*alone, surface].map(|depth| depth - f64::from(*functions));
-                joint + self.share * holds * (median(*joint, others) - joint)
+                let others = [*field, surface].map(|depth| depth - f64::from(*functions));
+                joint + self.share * narrow * (median(*joint, others) - joint)
             })
             .collect()
     }
 }
 
-/// The last column, of depths, less the others times their weights.
-pub(super) fn rest_of(weights: &[f64]) -> Vec<f64> {
-    let less = weights.iter().map(|weight| -weight);
-    less.chain([1.0]).collect()
+/// The combination of the columns that is the residual: the last, of depths, minus the others times their weights.
+pub(super) fn residual_combination(weights: &[f64]) -> Vec<f64> {
+    let negated = weights.iter().map(|weight| -weight);
+    negated.chain([1.0]).collect()
 }
 
-/// The map of few sites.
+/// The map of few observations.
 pub(super) fn stack_few(
     surface: &Surface,
-    (sites, rows): (&MergedObservations, &Rows<'_>),
-    found: &Weighed,
+    (merged, rows): (&MergedObservations, &FitRows<'_>),
+    found: &WeightEstimate,
     smoothness: &Smoothness,
 ) -> (Vec<f64>, Stack) {
     let (field, weights) = (&found.field, &found.solution.weights);
-    let grid = smoothness.affinities.grid(smoothness.level);
-    let (functions, judges) = join(
-        || rows.map(smoothness.affinities.size(), weights),
-        || Judges::new(sites, field),
+    let grid = smoothness.grid();
+    let (functions, held_out) = join(
+        || basis_map(rows, weights, smoothness),
+        || HeldOutObservations::new(merged, field),
     );
-    // Sites span a surface only if functions are known at every pixel.
-    let functions = functions.unwrap_or_default();
-    let rest = rest_of(weights);
-    let mut only_depth = vec![0.0; rest.len()];
+    let residual = residual_combination(weights);
+    let mut only_depth = vec![0.0; residual.len()];
     only_depth[weights.len()] = 1.0;
-    let right = surface.pulls(&grid, &functions);
-    let [joint, alone] = apart(&field.extend_all([&rest, &only_depth], right));
-    let share = judges.share(found, [&joint, &alone]);
+    let right_sides = surface.right_sides(&grid, &functions);
+    let fits = field.extend_all([&residual, &only_depth], right_sides);
+    let [joint, field] = unzipped(&fits);
+    let share = held_out.share(found, [&joint, &field]);
     let stack = Stack {
         joint,
-        alone,
+        field,
         share,
     };
     (stack.map(&functions, surface.inside()), stack)
 }
 
-/// The map of many sites, for targets less what basis functions with these weights say.
+/// The map of many observations, for targets without the basis functions times these weights.
 pub(super) fn stack_many(
     surface: &Surface,
-    (sites, rows): (&MergedObservations, &Rows<'_>),
+    (merged, rows): (&MergedObservations, &FitRows<'_>),
     targets: &[f64],
     field: &PrecisionSolver,
     (weights, smoothness): (&[f64], &Smoothness),
 ) -> (Vec<f64>, Stack) {
-    let grid = smoothness.affinities.grid(smoothness.level);
-    let map = rows.map(smoothness.affinities.size(), weights);
-    let functions = map.unwrap_or_default();
-    let targets = targets.iter().zip(&sites.depths);
-    let targets: Vec<[f64; 2]> = targets.map(|(&less, &depth)| [less, depth]).collect();
-    let fits = field.extend_all_with(&targets, surface.pulls(&grid, &functions));
-    let [joint, alone] = apart(&fits);
+    let grid = smoothness.grid();
+    let functions = basis_map(rows, weights, smoothness);
+    let targets = targets.iter().zip(&merged.depths);
+    let targets: Vec<[f64; 2]> = targets.map(|(&rest, &depth)| [rest, depth]).collect();
+    let fits = field.extend_with(&targets, surface.right_sides(&grid, &functions));
+    let [joint, field] = unzipped(&fits);
     let stack = Stack {
         joint,
-        alone,
+        field,
         share: OF_MANY,
     };
     let inside = surface.inside();
@@ -131,7 +129,14 @@ pub(super) fn stack_many(
     (stack.map(&functions, everywhere), stack)
 }
 
-fn apart(fits: &[[f64; 2]]) -> [Vec<f64>; 2] {
+/// Basis functions x weights at every pixel. Observations span a surface only if these are known.
+fn basis_map(rows: &FitRows<'_>, weights: &[f64], smoothness: &Smoothness) -> Vec<f32> {
+    let functions = rows.everywhere();
+    let size = smoothness.affinities.size();
+    functions.map_or_else(Vec::new, |functions| functions.map(size, weights))
+}
+
+fn unzipped(fits: &[[f64; 2]]) -> [Vec<f64>; 2] {
     [0, 1].map(|i| fits.iter().map(|fit| fit[i]).collect())
 }
 
@@ -140,66 +145,70 @@ fn median(value: f64, [one, other]: [f64; 2]) -> f64 {
     value.max(one.min(other)).min(one.max(other))
 }
 
-/// The leave-one-out errors of the joint fit and of the median at a site: from those of the joint fit and of the field alone
-/// for a given surface, and what the surface of the other sites says.
+/// The leave-one-out errors of the joint fit and of the median at an observation: from those of the joint fit and of the
+/// field alone for a given surface, and the surface of the other observations.
 pub(super) fn errors(depth: f64, given: [f64; 2], others: LeftOut) -> [f64; 2] {
     let surface = depth - others.depth;
-    let [joint, alone] = given.map(|error| error + others.trust * (surface - error));
-    [joint, median(joint, [alone, surface])]
+    let [joint, field] = given.map(|error| error + others.confidence * (surface - error));
+    [joint, median(joint, [field, surface])]
 }
 
-/// Sites that are predicted by the others, to learn which fit to believe.
-struct Judges<'a> {
-    sites: &'a MergedObservations,
-    which: Vec<usize>,
+/// Observations that are predicted by the others, to compare the fits.
+struct HeldOutObservations<'a> {
+    merged: &'a MergedObservations,
+    indices: Vec<usize>,
     /// The leverages of these in the field alone.
     leverages: Vec<f64>,
-    /// What the surface of the other sites says of all sites.
+    /// The surface of the other observations at each observation.
     others: Vec<Option<LeftOut>>,
 }
 
-impl<'a> Judges<'a> {
-    /// At most so many, evenly spread over the sites.
+impl<'a> HeldOutObservations<'a> {
+    /// At most this many, evenly spread over the observations.
     const MOST: usize = 200;
 
-    fn new(sites: &'a MergedObservations, field: &CovarianceSolver) -> Self {
-        let step = sites.len().div_ceil(Self::MOST);
-        let which: Vec<usize> = (0..sites.len()).step_by(step).collect();
+    fn new(merged: &'a MergedObservations, field: &CovarianceSolver) -> Self {
+        let step = merged.len().div_ceil(Self::MOST);
+        let indices: Vec<usize> = (0..merged.len()).step_by(step).collect();
         let (variances, others) = join(
-            || field.variances_of(&which),
-            || left_out(&sites.places, &sites.depths, &sites.firmness()),
+            || field.variances_of(&indices),
+            || left_out(&merged.places, &merged.depths, &merged.firmness()),
         );
-        let pairs = which.iter().zip(variances);
-        let leverages = pairs.map(|(&site, variance)| sites.weights[site] * variance);
+        let pairs = indices.iter().zip(variances);
+        let leverages =
+            pairs.map(|(&observation, variance)| merged.weights[observation] * variance);
         Self {
-            sites,
+            merged,
             leverages: leverages.collect(),
-            which,
+            indices,
             others,
         }
     }
 
     /// The share of the median in the map, for the fields of the joint fit and alone at every pixel.
-    fn share(&self, found: &Weighed, [joint, alone]: [&[f64]; 2]) -> f64 {
+    fn share(&self, found: &WeightEstimate, [joint, field]: [&[f64]; 2]) -> f64 {
         let (sample, weights) = (&found.sample, &found.solution.weights);
         let columns = sample.columns();
         let free = |leverage: f64| (1.0 - leverage).max(least_freedom(true));
-        // The mean of all sites, as in generalised cross-validation.
-        let of_weights = free(found.determined / self.sites.len() as f64);
-        let judged = self.which.iter().zip(&self.leverages);
-        share(judged.filter_map(|(&site, leverage)| {
-            let depth = self.sites.depths[site];
-            let functions = dot(&sample.rows[site * (columns + 1)..][..columns], weights);
-            let taps = &self.sites.taps[site];
+        // The mean of all observations, as in generalised cross-validation.
+        let of_weights = free(found.determined / self.merged.len() as f64);
+        let held_out = self.indices.iter().zip(&self.leverages);
+        share(held_out.filter_map(|(&observation, leverage)| {
+            let depth = self.merged.depths[observation];
+            let functions = dot(
+                &sample.rows[observation * (columns + 1)..][..columns],
+                weights,
+            );
+            let interpolation = &self.merged.interpolation[observation];
             let left = free(*leverage);
-            let joint = (depth - functions - taps.read(joint)) / (left * of_weights);
-            let alone = (depth - taps.read(alone)) / left;
-            Some(errors(depth, [joint, alone], self.others[site]?))
+            let joint = (depth - functions - interpolation.read(joint)) / (left * of_weights);
+            let field = (depth - interpolation.read(field)) / left;
+            Some(errors(depth, [joint, field], self.others[observation]?))
         }))
     }
 }
 
-/// The share that minimises the absolute errors of sites, from the leave-one-out errors of the joint fit and of the
+/// The share that minimises the absolute errors of observations, from the leave-one-out errors of the joint fit and of the
 /// median.
 fn share(errors: impl Iterator<Item = [f64; 2]>) -> f64 {
     let steps = errors.map(|[joint, median]| (joint, joint - median));
@@ -271,7 +280,7 @@ mod tests {
             share([[f64::NAN, 1.0], [f64::INFINITY, 0.0]].into_iter()),
             ASSUMED
         );
-        // One site is no evidence, many are.
+        // One observation is no evidence, many are.
         assert_eq!(share([[1.0, 0.0]; 3].into_iter()), 0.0);
         assert_eq!(share([[1.0, 0.0]; 30].into_iter()), 1.0);
         assert_eq!(share([[0.0, 1.0]; 30].into_iter()), 0.0);
@@ -281,7 +290,7 @@ mod tests {
     fn the_map_lies_between_the_joint_fit_and_the_median() {
         let stack = Stack {
             joint: vec![1.0, 3.0, 1.5, 5.0],
-            alone: vec![2.5, 2.5, 4.5, 4.5],
+            field: vec![2.5, 2.5, 4.5, 4.5],
             share: 0.5,
         };
         // With functions of 1, the joint fit has the depths 2, 4, 2.5 and 6.
@@ -289,7 +298,7 @@ mod tests {
         let found = stack.map(&[1.0; 4], surface.into_iter());
         // The medians are 2.5, 3, 3 and 6.
         assert_eq!(found, [1.25, 2.5, 1.625, 5.0]);
-        // Where the points span nothing, nothing judges.
+        // Where the points span nothing, nothing changes.
         let found = stack.map(&[1.0; 4], [None; 4].into_iter());
         assert_eq!(found, stack.joint);
     }

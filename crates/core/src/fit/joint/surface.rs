@@ -1,79 +1,81 @@
-//! The surface that sites span: what they say of the depth between them, before any image is looked at.
+//! The surface that observations span: depth interpolated between them, without the image.
 //!
-//! A plane that a pinhole camera sees is linear in inverse depth. So between the sites, inverse depth is interpolated
-//! linearly over their Delaunay triangulation, and a triangle is trusted as far as its neighbours continue it: on a surface
-//! they lie in one plane, across an edge they do not. The field then expects the step of the surface between two
-//! neighbouring pixels, times this trust t, instead of none, and of basis functions the rest:
+//! A plane that a pinhole camera sees is linear in inverse depth. So between the observations, inverse depth is
+//! interpolated linearly over their Delaunay triangulation. The confidence in a triangle depends on how well its
+//! neighbours continue it: on a surface they lie in one plane, across an edge they do not. The field then expects the step
+//! of the surface between two neighbouring pixels, times this confidence t, instead of none, and the basis functions the
+//! rest:
 //!
 //! > sum over neighbours c_ij (z_i - z_j - t_ij (D_i - D_j) - (1 - t_ij) a (f_i - f_j))^2
 //!
-//! where z is depth, D the surface, f what basis functions and cosines say, and a how far that is believed: wholly far from
-//! all sites, where nothing else knows of the scene, and less between and beside many. This changes the right-hand side of
-//! the equations alone. Without it, a slope between two sites is flattened wherever the image is uniform, and made up for
-//! at the edges of its texture.
+//! where z is depth, D the surface, f the sum of basis functions and cosines, and a the weight of their steps: 1 far from
+//! all observations, where nothing else predicts the scene, and less between and beside many. This changes the right-hand
+//! side of the equations alone. Without it, a slope between two observations is flattened where the image is uniform, and
+//! concentrated at the edges of its texture.
 //!
-//! Where the equations are factorised with the sites in them, they also follow perspective: pixels are tied more firmly
-//! where the surface is trusted, whatever the image shows there, and the variance of a step, like that of an error of
-//! a site, grows in proportion to depth. (In proportion to its square, relative errors would be smaller, and the root mean
-//! square of errors larger.)
+//! Where the equations are factorised with the observations in them, they also follow perspective: affinities are higher
+//! where the confidence is high, whatever the image shows there, and the variance of a step, like that of the error of an
+//! observation, grows in proportion to depth. (In proportion to its square, relative errors would be smaller, and the root
+//! mean square of errors larger.)
 
 use crate::field::Grid;
+use crate::fit::medians::median;
 use delaunator::{EMPTY, Point, Triangulation, next_halfedge, triangulate};
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
-/// A triangle is trusted by half if it lies so far off the planes of its neighbours, relative to depth. This constant and
-/// the next five were chosen on frames of five outdoor scanners and of 20 sets of depth cameras, NYU's training frames
-/// among them.
+/// The confidence in a triangle is a half if it lies this far off the planes of its neighbours, relative to depth. This
+/// constant and the next five were chosen on frames of five outdoor scanners and of 20 sets of depth cameras, NYU's
+/// training frames among them.
 const HINGE: f64 = 0.01;
 /// The same of the logarithm of the ratio of the farthest to the nearest corner.
 const SPREAD: f64 = 0.3;
-/// What is added to the affinity of two pixels on a surface that is trusted fully: that of a uniform image.
+/// What is added to the affinity of two pixels at full confidence: that of a uniform image.
 const FIRM: f64 = 1.0;
-/// The power of the trust by which this falls.
+/// The power of the confidence by which this falls.
 const FALL: i32 = 8;
-/// How far the steps of basis functions are believed near many sites, between and beyond them. A few say too little to
-/// doubt them: on NYU's frames with 5 points, half the belief would raise the RMSE by 18 %.
+/// The weight of the steps of basis functions near many observations, between and beyond them. With few observations it
+/// is 1: on NYU's frames with 5 points, half of it would raise the RMSE by 18 %.
 const WITHIN: f64 = 0.75;
 const BEYOND: f64 = 0.5;
-/// Basis functions are believed fully with so few sites, and as above with so many.
+/// The weight is 1 up to this number of observations, and as above from this number on.
 const FEW: f64 = 50.0;
 const MANY: f64 = 500.0;
-/// A gap between sites of so many times the usual width is wide by half: far from all sites, nothing but basis functions
-/// knows of the scene. Chosen on ten sets of depth cameras and six of laser scanners; from 2 to 6, errors change by less
-/// than 1.5 %.
+/// A gap between observations of so many times the usual width is wide by half: far from all observations, only basis
+/// functions predict the scene. Chosen on ten sets of depth cameras and six of laser scanners; from 2 to 6, errors change
+/// by less than 1.5 %.
 const GAP: f64 = 4.0;
 
-/// Pixels that a task looks at.
+/// Pixels of a task.
 const TOGETHER: usize = 1 << 12;
 
-/// Depth between sites at every pixel.
+/// Depth between observations at every pixel.
 pub(super) struct Surface {
     /// Outside of the triangulation, those of the nearest pixel inside.
     depths: Vec<f64>,
     /// From 0 to 1; NaN outside of the triangulation.
-    trust: Vec<f64>,
-    /// From 1 where the sites are as dense as they usually are to 0 in wide gaps and far beyond them.
+    confidence: Vec<f64>,
+    /// From 1 where the observations are as dense as they usually are to 0 in wide gaps and far beyond them.
     narrow: Vec<f64>,
-    /// How far the steps of basis functions are believed in narrow gaps and close beyond the sites.
+    /// The weight of the steps of basis functions in narrow gaps and close beyond the observations.
     within: f64,
     beyond: f64,
-    /// The mean depth of the sites.
+    /// The mean depth of the observations.
     mean: f64,
 }
 
-/// What the other sites say of a site.
+/// The prediction of an observation by the surface of the others.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LeftOut {
     /// The depth of the surface of the others there.
     pub(super) depth: f64,
-    /// The trust in it.
-    pub(super) trust: f64,
+    /// The confidence in it.
+    pub(super) confidence: f64,
 }
 
 impl Surface {
     /// The surface through depths above 0 at positions (u, v) on a grid of `size` (height, width). Depths whose
-    /// `firmness` is below 1 lower the trust in what they span. `None` if they span nothing.
+    /// `firmness` is below 1 lower the confidence in the triangles around them. `None` if they span nothing.
     pub(super) fn through(
         places: &[[f64; 2]],
         depths: &[f64],
@@ -83,30 +85,30 @@ impl Surface {
         let mesh = Mesh::new(places, depths, firmness)?;
         let mut found = Self {
             depths: vec![0.0; size.0 * size.1],
-            trust: vec![f64::NAN; size.0 * size.1],
+            confidence: vec![f64::NAN; size.0 * size.1],
             narrow: vec![1.0; size.0 * size.1],
-            within: belief(WITHIN, depths.len()),
-            beyond: belief(BEYOND, depths.len()),
+            within: basis_weight(WITHIN, depths.len()),
+            beyond: basis_weight(BEYOND, depths.len()),
             mean: depths.iter().sum::<f64>() / depths.len() as f64,
         };
         let wide = GAP * mesh.usual_gap();
         let narrow = |gap: f64| 1.0 / (1.0 + (gap / wide).powi(2));
-        for (plane, trust) in mesh.planes.iter().zip(&mesh.trust) {
+        for (plane, confidence) in mesh.planes.iter().zip(&mesh.confidence) {
             let Some(plane) = plane else { continue };
             let narrow = narrow(plane.longest_edge());
             plane.fill(size, |pixel, inverse| {
                 found.depths[pixel] = inverse.recip();
-                found.trust[pixel] = *trust;
+                found.confidence[pixel] = *confidence;
                 found.narrow[pixel] = narrow;
             });
         }
         let distances = continue_outside(&mut found.depths, size);
         let pixels = found.narrow.iter_mut().zip(distances);
         for (value, distance) in pixels.filter(|(_, distance)| *distance > 0.0) {
-            // The middle of a gap is half its width away from the sites beside it.
+            // The middle of a gap is half its width away from the observations beside it.
             *value = narrow(2.0 * f64::from(distance));
         }
-        // Sites may span less than a pixel.
+        // Observations may span less than a pixel.
         found
             .depths
             .iter()
@@ -114,48 +116,48 @@ impl Surface {
             .then_some(found)
     }
 
-    /// The depth at every pixel, and from 1 to 0 how narrow the gap between sites is there; none outside of the
+    /// The depth at every pixel, and from 1 to 0 how narrow the gap between observations is there; none outside of the
     /// triangulation.
     pub(super) fn inside(&self) -> impl Iterator<Item = Option<(f64, f64)>> {
-        let pixels = self.depths.iter().zip(&self.narrow).zip(&self.trust);
-        pixels.map(|((depth, narrow), trust)| (!trust.is_nan()).then_some((*depth, *narrow)))
+        let pixels = self.depths.iter().zip(&self.narrow).zip(&self.confidence);
+        pixels.map(|((depth, narrow), confidence)| {
+            (!confidence.is_nan()).then_some((*depth, *narrow))
+        })
     }
 
-    /// What the expected steps add to the right-hand side of the equations of the field beside basis functions, of which
-    /// these are the values at every pixel, and of the field alone.
-    pub(super) fn pulls(&self, grid: &Grid<'_>, functions: &[f32]) -> Vec<[f64; 2]> {
+    /// The right-hand sides of the expected steps in the equations of the field beside basis functions, whose values at
+    /// every pixel are `functions`, and of the field alone.
+    pub(super) fn right_sides(&self, grid: &Grid<'_>, functions: &[f32]) -> Vec<[f64; 2]> {
         self.divergence(grid, |one, other| {
             let functions = f64::from(functions[other]) - f64::from(functions[one]);
-            let (expected, belief) = self.expected(one, other);
-            [expected + belief * functions - functions, expected]
+            let (expected, basis_weight) = self.expected(one, other);
+            [expected + basis_weight * functions - functions, expected]
         })
     }
 
     /// The same of the field alone.
-    pub(super) fn pull(&self, grid: &Grid<'_>) -> Vec<f64> {
-        let pull = self.divergence(grid, |one, other| [self.expected(one, other).0]);
-        pull.into_flattened()
+    pub(super) fn right_side(&self, grid: &Grid<'_>) -> Vec<[f64; 1]> {
+        self.divergence(grid, |one, other| [self.expected(one, other).0])
     }
 
-    /// The step that the surface lets expect between two pixels, times the trust in it, and how far a step of basis
-    /// functions is believed.
+    /// The step of the surface between two pixels, times the confidence in it, and the weight of a step of basis functions.
     fn expected(&self, one: usize, other: usize) -> (f64, f64) {
-        match self.trust(one, other) {
-            None => (0.0, self.belief(self.beyond, one, other)),
-            Some(trust) => {
+        match self.confidence(one, other) {
+            None => (0.0, self.basis_weight(self.beyond, one, other)),
+            Some(confidence) => {
                 let step = self.depths[other] - self.depths[one];
-                let belief = self.belief(self.within, one, other);
-                (trust * step, (1.0 - trust) * belief)
+                let basis_weight = self.basis_weight(self.within, one, other);
+                (confidence * step, (1.0 - confidence) * basis_weight)
             }
         }
     }
 
-    /// How far a step of basis functions between two pixels is believed, if so far in a narrow gap.
-    fn belief(&self, narrow: f64, one: usize, other: usize) -> f64 {
+    /// The weight of a step of basis functions between two pixels, from that in a narrow gap.
+    fn basis_weight(&self, narrow: f64, one: usize, other: usize) -> f64 {
         1.0 - (1.0 - narrow) * self.narrow[one].min(self.narrow[other])
     }
 
-    /// What steps between neighbours, times their affinities, add up to at every pixel.
+    /// The sum of the steps between neighbours, times their affinities, at every pixel.
     fn divergence<const B: usize>(
         &self,
         grid: &Grid<'_>,
@@ -182,21 +184,21 @@ impl Surface {
     /// Affinities in perspective, with the right neighbour and with the one below.
     pub(super) fn affinities(&self, grid: &Grid<'_>) -> [Vec<f64>; 2] {
         let pairs = self.of_pairs(grid, |one, other, affinity| {
-            let trust = self.trust(one, other).unwrap_or(0.0);
+            let confidence = self.confidence(one, other).unwrap_or(0.0);
             let farther = self.depths[one].max(self.depths[other]);
-            [(affinity + FIRM * trust.powi(FALL)) * (self.mean / farther)]
+            [(affinity + FIRM * confidence.powi(FALL)) * (self.mean / farther)]
         });
         pairs.map(Vec::into_flattened)
     }
 
-    /// The inverse of the variance of the error of a site at a depth, over that at the mean depth.
+    /// The inverse of the variance of the error of an observation at a depth, over that at the mean depth.
     pub(super) fn precision(&self, depth: f64) -> f64 {
         self.mean / depth
     }
 
-    /// The trust in the step between two pixels, if both are inside of the triangulation.
-    fn trust(&self, one: usize, other: usize) -> Option<f64> {
-        let (one, other) = (self.trust[one], self.trust[other]);
+    /// The confidence in the step between two pixels, if both are inside of the triangulation.
+    fn confidence(&self, one: usize, other: usize) -> Option<f64> {
+        let (one, other) = (self.confidence[one], self.confidence[other]);
         (!one.is_nan() && !other.is_nan()).then(|| one.min(other))
     }
 
@@ -210,8 +212,8 @@ impl Surface {
         values
     }
 
-    /// What `of` says of each pixel, its right neighbour and their affinity, and of each and the one below; 0 where there
-    /// is none.
+    /// The values of `of` for each pixel, its right neighbour and their affinity, and for each and the one below; 0 where
+    /// there is none.
     fn of_pairs<const B: usize>(
         &self,
         grid: &Grid<'_>,
@@ -233,13 +235,13 @@ impl Surface {
     }
 }
 
-/// How far basis functions are believed, from 1 with few sites to `least` with many, by the logarithm of their number.
-fn belief(least: f64, sites: usize) -> f64 {
-    let place = (sites as f64 / FEW).ln() / (MANY / FEW).ln();
+/// The weight of the steps of basis functions, from 1 with few observations to `least` with many, by the logarithm of their number.
+fn basis_weight(least: f64, count: usize) -> f64 {
+    let place = (count as f64 / FEW).ln() / (MANY / FEW).ln();
     1.0 - (1.0 - least) * place.clamp(0.0, 1.0)
 }
 
-/// What the others say of each site inside their triangulation, as of [`Surface::through`].
+/// The prediction of each observation by the surface of the others, if it is inside of their triangulation.
 pub(super) fn left_out(
     places: &[[f64; 2]],
     depths: &[f64],
@@ -248,57 +250,57 @@ pub(super) fn left_out(
     let Some(mesh) = Mesh::new(places, depths, firmness) else {
         return vec![None; places.len()];
     };
-    // An edge that ends at each site.
+    // An edge that ends at each observation.
     let mut edges = vec![EMPTY; places.len()];
-    for edge in 0..mesh.halves.triangles.len() {
-        edges[mesh.halves.triangles[next_halfedge(edge)]] = edge;
+    for edge in 0..mesh.triangulation.triangles.len() {
+        edges[mesh.triangulation.triangles[next_halfedge(edge)]] = edge;
     }
-    let one = |(site, &edge): (usize, &usize)| {
-        let (ring, trust) = mesh.around(edge)?;
-        // Without a site, those around it are triangulated as they would be alone: no other lies in their circles.
+    let one = |(observation, &edge): (usize, &usize)| {
+        let (ring, confidence) = mesh.around(edge)?;
+        // Without an observation, those around it are triangulated as they would be alone: no other lies in their circles.
         let own: Vec<[f64; 2]> = ring.iter().map(|&other| places[other]).collect();
         let points: Vec<Point> = own.iter().map(|&[x, y]| Point { x, y }).collect();
         let found = triangulate(&points).triangles;
         let inverse: Vec<f64> = ring.iter().map(|&other| depths[other].recip()).collect();
         let planes = found.chunks_exact(3);
         let mut planes = planes.filter_map(|c| Plane::through([c[0], c[1], c[2]], &own, &inverse));
-        let plane = planes.find(|plane| plane.holds(places[site]))?;
-        let depth = plane.at(places[site]).recip();
-        Some(LeftOut { depth, trust })
+        let plane = planes.find(|plane| plane.contains(places[observation]))?;
+        let depth = plane.at(places[observation]).recip();
+        Some(LeftOut { depth, confidence })
     };
     edges.par_iter().enumerate().map(one).collect()
 }
 
-/// The Delaunay triangulation of sites.
+/// The Delaunay triangulation of observations.
 struct Mesh {
-    halves: Triangulation,
+    triangulation: Triangulation,
     /// Of each triangle; none if its corners lie on a line.
     planes: Vec<Option<Plane>>,
-    trust: Vec<f64>,
+    confidence: Vec<f64>,
 }
 
 impl Mesh {
     fn new(places: &[[f64; 2]], depths: &[f64], firmness: &[f64]) -> Option<Self> {
         let points: Vec<Point> = places.iter().map(|&[x, y]| Point { x, y }).collect();
-        let halves = triangulate(&points);
-        if halves.is_empty() {
+        let triangulation = triangulate(&points);
+        if triangulation.is_empty() {
             return None;
         }
         let inverse: Vec<f64> = depths.iter().map(|depth| depth.recip()).collect();
-        let corners = || halves.triangles.as_chunks::<3>().0.iter();
+        let corners = || triangulation.triangles.as_chunks::<3>().0.iter();
         let planes = corners().map(|&corners| Plane::through(corners, places, &inverse));
         let planes: Vec<Option<Plane>> = planes.collect();
-        let trust = corners()
+        let confidence = corners()
             .zip(&planes)
             .enumerate()
             .map(|(i, (corners, plane))| {
                 let Some(plane) = plane else { return 0.0 };
                 let hinge = |k: usize| {
-                    let other = halves.halfedges[3 * i + k];
+                    let other = triangulation.halfedges[3 * i + k];
                     if other == EMPTY {
                         return f64::INFINITY;
                     }
-                    let apex = halves.triangles[next_halfedge(next_halfedge(other))];
+                    let apex = triangulation.triangles[next_halfedge(next_halfedge(other))];
                     plane.off(places[apex], inverse[apex])
                 };
                 let of = |values: &[f64]| corners.map(|corner| values[corner]);
@@ -309,36 +311,35 @@ impl Mesh {
                     (middle([0, 1, 2].map(hinge)) / HINGE).powi(2) + (spread.ln() / SPREAD).powi(2);
                 a.min(b).min(c) / (1.0 + square)
             });
-        let trust = trust.collect();
+        let confidence = confidence.collect();
         Some(Self {
-            halves,
+            triangulation,
             planes,
-            trust,
+            confidence,
         })
     }
 
     /// The median over triangles of the longest edge, in pixels.
     fn usual_gap(&self) -> f64 {
-        let planes = self.planes.iter().flatten();
-        let mut edges: Vec<f64> = planes.map(Plane::longest_edge).collect();
-        let middle = edges.len() / 2;
-        match edges.get(middle) {
-            Some(_) => *edges.select_nth_unstable_by(middle, f64::total_cmp).1,
-            None => f64::INFINITY,
+        let planes = || self.planes.iter().flatten();
+        if planes().next().is_none() {
+            return f64::INFINITY;
         }
+        median(planes().map(Plane::longest_edge))
     }
 
-    /// The sites around the one at which an edge ends, and the mean trust of the triangles there; `None` at the outline.
+    /// The observations around the one at which an edge ends, and the mean confidence of the triangles there; `None` at
+    /// the outline.
     fn around(&self, edge: usize) -> Option<(Vec<usize>, f64)> {
         if edge == EMPTY {
             return None;
         }
-        let (mut ring, mut trust) = (Vec::new(), 0.0);
+        let (mut ring, mut confidence) = (Vec::new(), 0.0);
         let mut incoming = edge;
         loop {
-            ring.push(self.halves.triangles[incoming]);
-            trust += self.trust[incoming / 3];
-            incoming = self.halves.halfedges[next_halfedge(incoming)];
+            ring.push(self.triangulation.triangles[incoming]);
+            confidence += self.confidence[incoming / 3];
+            incoming = self.triangulation.halfedges[next_halfedge(incoming)];
             if incoming == EMPTY {
                 return None;
             }
@@ -346,7 +347,7 @@ impl Mesh {
                 break;
             }
         }
-        let mean = trust / ring.len() as f64;
+        let mean = confidence / ring.len() as f64;
         Some((ring, mean))
     }
 }
@@ -354,11 +355,11 @@ impl Mesh {
 /// Gives pixels without depth that of the nearest with one, nearly: distances go by neighbours (Borgefors 1986). Returns
 /// these distances, 0 at pixels with a depth.
 fn continue_outside(depths: &mut [f64], (height, width): (usize, usize)) -> Vec<f32> {
-    let far = |depth: &f64| if *depth > 0.0 { 0.0 } else { f32::MAX };
-    let mut far: Vec<f32> = depths.iter().map(far).collect();
-    let mut look = |at: usize, from: usize, step: f32| {
-        if far[from] + step < far[at] {
-            far[at] = far[from] + step;
+    let distances = |depth: &f64| if *depth > 0.0 { 0.0 } else { f32::MAX };
+    let mut distances: Vec<f32> = depths.iter().map(distances).collect();
+    let mut relax = |at: usize, from: usize, step: f32| {
+        if distances[from] + step < distances[at] {
+            distances[at] = distances[from] + step;
             depths[at] = depths[from];
         }
     };
@@ -377,20 +378,20 @@ fn continue_outside(depths: &mut [f64], (height, width): (usize, usize)) -> Vec<
                 )
             };
             if let Some(x) = beside {
-                look(at, y * width + x, 1.0);
+                relax(at, y * width + x, 1.0);
             }
             if let Some(y) = row {
-                look(at, y * width + x, 1.0);
+                relax(at, y * width + x, 1.0);
                 if x > 0 {
-                    look(at, y * width + x - 1, diagonal);
+                    relax(at, y * width + x - 1, diagonal);
                 }
                 if x + 1 < width {
-                    look(at, y * width + x + 1, diagonal);
+                    relax(at, y * width + x + 1, diagonal);
                 }
             }
         }
     }
-    far
+    distances
 }
 
 /// The median of up to three distances, of which some may be missing: infinite.
@@ -437,7 +438,7 @@ impl Plane {
         [first, second, 1.0 - first - second]
     }
 
-    fn holds(&self, place: [f64; 2]) -> bool {
+    fn contains(&self, place: [f64; 2]) -> bool {
         self.shares(place).into_iter().all(|share| share >= -1e-9)
     }
 
@@ -508,8 +509,8 @@ mod tests {
     use super::*;
     use crate::bilinear::InterpolationWeights;
     use crate::fit::{
-        Affinities, Bases, Fit, FitConfig, FitMethod, Functions, JointConfig, Lambda, Points,
-        PriorKind, Scene, fit,
+        Affinities, BasisValues, EvaluateBasis, FieldGeometry, Fit, FitConfig, FitMethod,
+        FitPoints, JointConfig, Lambda, PriorKind, fit,
     };
     use faer::linalg::solvers::Solve as _;
     use faer::{Mat, Side};
@@ -539,12 +540,15 @@ mod tests {
         let mut inside = 0;
         for y in 0..SIZE.0 {
             for x in 0..SIZE.1 {
-                let (depth, trust) = (found.depths[y * SIZE.1 + x], found.trust[y * SIZE.1 + x]);
-                if !trust.is_nan() {
+                let (depth, confidence) = (
+                    found.depths[y * SIZE.1 + x],
+                    found.confidence[y * SIZE.1 + x],
+                );
+                if !confidence.is_nan() {
                     let expected = slanted([x as f64, y as f64]);
                     assert!((depth / expected - 1.0).abs() < 1e-9, "{x} {y}: {depth}");
-                    // Steep triangles are doubted.
-                    assert!(trust > 0.1, "{x} {y}: {trust}");
+                    // The confidence in steep triangles is low.
+                    assert!(confidence > 0.1, "{x} {y}: {confidence}");
                     inside += 1;
                 }
             }
@@ -558,14 +562,14 @@ mod tests {
         let places = places(150);
         let found = through(&places, |place| if near(place) { 2.0 } else { 5.0 });
         let (mut on, mut across) = (0, 0);
-        for (depth, trust) in found.depths.iter().zip(&found.trust) {
-            if trust.is_nan() {
+        for (depth, confidence) in found.depths.iter().zip(&found.confidence) {
+            if confidence.is_nan() {
                 continue;
             }
             if (depth - 2.0).abs() < 1e-9 || (depth - 5.0).abs() < 1e-9 {
-                on += usize::from(*trust > 0.99);
+                on += usize::from(*confidence > 0.99);
             } else {
-                assert!(*trust < 0.1, "{depth}: {trust}");
+                assert!(*confidence < 0.1, "{depth}: {confidence}");
                 across += 1;
             }
         }
@@ -576,33 +580,36 @@ mod tests {
     fn unsure_depths_and_too_few_of_them_span_little() {
         let places = places(40);
         let depths: Vec<f64> = places.iter().map(|&place| slanted(place)).collect();
-        let trust = |firmness: f64| {
+        let confidence = |firmness: f64| {
             let found = Surface::through(&places, &depths, &[firmness; 40], SIZE).unwrap();
-            found.trust[12 * SIZE.1 + 16]
+            found.confidence[12 * SIZE.1 + 16]
         };
-        assert!((trust(0.25) - 0.25 * trust(1.0)).abs() < 1e-12);
+        assert!((confidence(0.25) - 0.25 * confidence(1.0)).abs() < 1e-12);
         assert!(Surface::through(&places[..2], &depths[..2], &[1.0; 2], SIZE).is_none());
         let row: Vec<[f64; 2]> = (0..9).map(|x| [f64::from(x), 4.0]).collect();
         assert!(Surface::through(&row, &[2.0; 9], &[1.0; 9], SIZE).is_none());
     }
 
     #[test]
-    fn a_site_that_is_left_out_has_the_depth_of_the_surface_of_the_others() {
+    fn an_observation_that_is_left_out_has_the_depth_of_the_surface_of_the_others() {
         let places = places(50);
         let depths: Vec<f64> = (0..50).map(|i| 3.0 + f64::from(i % 7)).collect();
         let sure = [1.0; 50];
         let found = left_out(&places, &depths, &sure);
         let mut inside = 0;
-        for (site, found) in found.into_iter().enumerate() {
+        for (observation, found) in found.into_iter().enumerate() {
             let Some(found) = found else { continue };
-            let without = |values: &[f64]| [&values[..site], &values[site + 1..]].concat();
-            let others = [&places[..site], &places[site + 1..]].concat();
+            let without =
+                |values: &[f64]| [&values[..observation], &values[observation + 1..]].concat();
+            let others = [&places[..observation], &places[observation + 1..]].concat();
             let mesh = Mesh::new(&others, &without(&depths), &sure[1..]).unwrap();
             let mut planes = mesh.planes.iter().flatten();
-            let plane = planes.find(|plane| plane.holds(places[site])).unwrap();
-            let expected = plane.at(places[site]).recip();
-            assert!((found.depth / expected - 1.0).abs() < 1e-9, "{site}");
-            assert!((0.0..=1.0).contains(&found.trust));
+            let plane = planes
+                .find(|plane| plane.contains(places[observation]))
+                .unwrap();
+            let expected = plane.at(places[observation]).recip();
+            assert!((found.depth / expected - 1.0).abs() < 1e-9, "{observation}");
+            assert!((0.0..=1.0).contains(&found.confidence));
             inside += 1;
         }
         assert!(inside > 30, "{inside}");
@@ -664,7 +671,7 @@ mod tests {
         [1.0, (x / 16.0 - 1.0) as f32, (y / 5.0).sin() as f32]
     }
 
-    impl Functions for Known {
+    impl EvaluateBasis for Known {
         fn count(&self) -> usize {
             3
         }
@@ -729,7 +736,7 @@ mod tests {
                     prior: PriorKind::Flat,
                     lambda: Lambda::Fixed(0.05),
                     joint: JointConfig {
-                        level: 1e-6,
+                        diagonal_regularisation: 1e-6,
                         ..JointConfig::default()
                     },
                     ..FitConfig::default()
@@ -742,17 +749,17 @@ mod tests {
             let depths: Vec<f32> = kept.iter().map(|&i| self.depths[i]).collect();
             let places: Vec<[f64; 2]> = kept.iter().map(|&i| self.places[i]).collect();
             let rows = Known.at(&places);
-            let points = Points {
-                bases: Bases::Held(&rows, &Known),
+            let points = FitPoints {
+                bases: BasisValues::Both(&rows, &Known),
                 guides: 0,
                 depths: &depths,
                 deviations: None,
                 places: Some(&places),
-                scene: Some(Scene {
+                geometry: Some(FieldGeometry {
                     affinities: &self.affinities,
                     size: self.size,
                     upsampling: None,
-                    once: false,
+                    transient: false,
                 }),
             };
             fit(&points, &self.config, None).unwrap()
@@ -796,11 +803,11 @@ mod tests {
             let surface =
                 Surface::through(&self.places, &depths, &vec![1.0; depths.len()], self.size)
                     .unwrap();
-            let level = match self.config.method {
-                FitMethod::Joint => self.config.joint.level,
+            let diagonal_regularisation = match self.config.method {
+                FitMethod::Joint => self.config.joint.diagonal_regularisation,
                 _ => 0.0,
             };
-            let grid = self.affinities.grid(level);
+            let grid = self.affinities.grid(diagonal_regularisation);
             let functions = if with_functions {
                 Known.combine(&centres(self.size), &fit.weights)
             } else {
@@ -809,24 +816,24 @@ mod tests {
             let n = functions.len();
             let (mut matrix, mut right) = (Mat::<f64>::zeros(n, n), Mat::<f64>::zeros(n, 1));
             for i in 0..n {
-                // The level is that of the field, which is added to the functions.
-                matrix[(i, i)] += level;
-                right[(i, 0)] += level * functions[i];
+                // The regularisation is that of the field, which is added to the functions.
+                matrix[(i, i)] += diagonal_regularisation;
+                right[(i, 0)] += diagonal_regularisation * functions[i];
                 let along = ((i + 1) % self.size.1 > 0).then_some((i + 1, grid.right[i]));
                 let down = (i + self.size.1 < n).then_some((i + self.size.1, grid.down[i]));
                 for (j, affinity) in along.into_iter().chain(down) {
-                    let (one, other) = (surface.trust[i], surface.trust[j]);
+                    let (one, other) = (surface.confidence[i], surface.confidence[j]);
                     let outside = one.is_nan() || other.is_nan();
-                    let trust = if outside { 0.0 } else { one.min(other) };
+                    let confidence = if outside { 0.0 } else { one.min(other) };
                     let doubt = ((depths.len() as f64 / 50.0).log10()).clamp(0.0, 1.0)
                         * surface.narrow[i].min(surface.narrow[j]);
-                    let belief = 1.0 - doubt * if outside { 0.5 } else { 0.25 };
-                    let step = trust * (surface.depths[j] - surface.depths[i])
-                        + (1.0 - trust) * belief * (functions[j] - functions[i]);
+                    let basis_weight = 1.0 - doubt * if outside { 0.5 } else { 0.25 };
+                    let step = confidence * (surface.depths[j] - surface.depths[i])
+                        + (1.0 - confidence) * basis_weight * (functions[j] - functions[i]);
                     let mean = depths.iter().sum::<f64>() / depths.len() as f64;
                     let farther = surface.depths[i].max(surface.depths[j]);
                     let strength = if perspective {
-                        (affinity + trust.powi(8)) * mean / farther
+                        (affinity + confidence.powi(8)) * mean / farther
                     } else {
                         affinity
                     };
@@ -897,11 +904,11 @@ mod tests {
                 example.depths.iter_mut().for_each(|depth| *depth *= factor);
                 example.map(&example.fit(|_| true))
             };
-            let once = example.map(&example.fit(|_| true));
+            let unscaled = example.map(&example.fit(|_| true));
             // A power of two changes no bit.
-            assert!(once.iter().zip(scaled(4.0)).all(|(a, b)| 4.0 * a == b));
+            assert!(unscaled.iter().zip(scaled(4.0)).all(|(a, b)| 4.0 * a == b));
             for factor in [1e-3, 0.7, 1e6] {
-                for (a, b) in once.iter().zip(scaled(factor)) {
+                for (a, b) in unscaled.iter().zip(scaled(factor)) {
                     let expected = f64::from(factor) * a;
                     assert!(
                         (b - expected).abs() < 1e-5 * expected.abs(),
@@ -920,8 +927,8 @@ mod tests {
         let found = all.leave_one_out(&all.leverages(&rows));
         let error = |i: usize| {
             let without = example.map(&example.fit(|j| j != i));
-            let taps = InterpolationWeights::new(example.places[i], SIZE, SIZE);
-            f64::from(example.depths[i]) - taps.read(&without)
+            let interpolation = InterpolationWeights::new(example.places[i], SIZE, SIZE);
+            f64::from(example.depths[i]) - interpolation.read(&without)
         };
         let expected: Vec<f64> = (0..90).map(error).collect();
         let size = |errors: &[f64]| errors.iter().map(|e| e * e).sum::<f64>().sqrt();

@@ -3,8 +3,8 @@
 use super::merged_observations::MergedObservations;
 use super::smoothness::Smoothness;
 use crate::fit::{
-    Affinities, Bases, CosineBasis, Fit, FitConfig, FitMethod, JointConfig, Lambda, Loss,
-    NoisePrior, Points, Prior, PriorKind, Robust, Scene, Space, fit,
+    Affinities, BasisValues, CosineBasis, FieldGeometry, Fit, FitConfig, FitMethod, FitPoints,
+    JointConfig, Lambda, Loss, NoisePrior, Prior, PriorKind, Robust, Space, fit,
 };
 use crate::upsampling::Upsampling;
 use faer::linalg::solvers::Solve as _;
@@ -60,12 +60,12 @@ impl Example {
         }
     }
 
-    fn scene(&self) -> Scene<'_> {
-        Scene {
+    fn geometry(&self) -> FieldGeometry<'_> {
+        FieldGeometry {
             affinities: &self.affinities,
             size: (HEIGHT, WIDTH),
             upsampling: None,
-            once: false,
+            transient: false,
         }
     }
 
@@ -91,13 +91,13 @@ impl Example {
             .collect();
         let depths: Vec<f32> = kept.iter().map(|&i| self.depths[i]).collect();
         let places: Vec<[f64; 2]> = kept.iter().map(|&i| self.places[i]).collect();
-        let points = Points {
+        let points = FitPoints {
             places: Some(&places),
-            scene: Some(Scene {
+            geometry: Some(FieldGeometry {
                 size,
-                ..self.scene()
+                ..self.geometry()
             }),
-            ..Points::new(&bases, &depths)
+            ..FitPoints::new(&bases, &depths)
         };
         fit(&points, config, None).unwrap()
     }
@@ -192,7 +192,11 @@ fn deviations_are_those_of_the_gaussian_posterior() {
     // Of field and weights together; nothing is assumed of the constant.
     let pixels = HEIGHT * WIDTH;
     let size = pixels + 3;
-    let mut precision = precision(&example.affinities, JointConfig::default().level, size);
+    let mut precision = precision(
+        &example.affinities,
+        JointConfig::default().diagonal_regularisation,
+        size,
+    );
     let functions = bases_at(&all_places());
     let row = |pixel: usize| {
         Mat::<f64>::from_fn(size, 1, |i, _| match i.checked_sub(pixels) {
@@ -267,15 +271,15 @@ fn rough_variances_are_nearly_those_of_the_pixels() {
         .iter()
         .map(|[x, y]| (2.0 + 0.01 * x + (0.1 * y).sin()) as f32)
         .collect();
-    let points = Points {
+    let points = FitPoints {
         places: Some(&places),
-        scene: Some(Scene {
+        geometry: Some(FieldGeometry {
             affinities: &affinities,
             size: (height, width),
             upsampling: None,
-            once: false,
+            transient: false,
         }),
-        ..Points::new(&bases, &depths)
+        ..FitPoints::new(&bases, &depths)
     };
     let fit = fit(&points, &settings(FitMethod::Joint), None).unwrap();
     let exact = fit
@@ -307,9 +311,9 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
     let pixels = HEIGHT * WIDTH;
     let places = places();
     let lambda: f64 = 0.05;
-    // A stiff level, so that the field can be drawn.
+    // Strong regularisation, so that the field can be drawn.
     let joint = JointConfig {
-        level: 1e-2,
+        diagonal_regularisation: 1e-2,
         ..JointConfig::default()
     };
     let config = FitConfig {
@@ -320,7 +324,7 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
         ..FitConfig::default()
     };
     let affinities = Affinities::new((HEIGHT, WIDTH), &affinities()).unwrap();
-    let precision = precision(&affinities, joint.level, pixels);
+    let precision = precision(&affinities, joint.diagonal_regularisation, pixels);
     let lower = precision.llt(Side::Lower).unwrap();
     let functions = bases_at(&all_places());
     let bases = bases_at(&places);
@@ -350,23 +354,23 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
                 })
                 .collect();
             let own = given.map_or(0.0, |sigma| sigma * scale);
-            let noise = (scale * scale / joint.data + own * own).sqrt();
+            let noise = (scale * scale / joint.observation_precision + own * own).sqrt();
             let depths: Vec<f32> = places
                 .iter()
                 .map(|&place| (truth[pixel(place)] + noise * f64::from(rng.normal())) as f32)
                 .collect();
             let sigmas = [Some(own as f32); POINTS];
-            let points = Points {
-                bases: Bases::Rows(&bases),
+            let points = FitPoints {
+                bases: BasisValues::AtPoints(&bases),
                 guides: 0,
                 depths: &depths,
                 deviations: given.is_some().then_some(&sigmas[..]),
                 places: Some(&places),
-                scene: Some(Scene {
+                geometry: Some(FieldGeometry {
                     affinities: &affinities,
                     size: (HEIGHT, WIDTH),
                     upsampling: None,
-                    once: false,
+                    transient: false,
                 }),
             };
             let fit = fit(&points, &config, None).unwrap();
@@ -408,11 +412,11 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
 }
 
 /// The precision of a field before it is observed, and zeros.
-fn precision(affinities: &Affinities, level: f64, size: usize) -> Mat<f64> {
+fn precision(affinities: &Affinities, diagonal_regularisation: f64, size: usize) -> Mat<f64> {
     let mut precision = Mat::<f64>::zeros(size, size);
-    let grid = affinities.grid(level);
+    let grid = affinities.grid(diagonal_regularisation);
     let pixels = HEIGHT * WIDTH;
-    (0..pixels).for_each(|i| precision[(i, i)] = level);
+    (0..pixels).for_each(|i| precision[(i, i)] = diagonal_regularisation);
     let mut join = |i: usize, j: usize, strength: f64| {
         precision[(i, i)] += strength;
         precision[(j, j)] += strength;
@@ -490,7 +494,7 @@ fn points_of_one_pixel_are_averaged() {
 #[test]
 fn a_field_without_its_image_is_refused() {
     let example = Example::new();
-    let points = Points::new(&example.bases, &example.depths);
+    let points = FitPoints::new(&example.bases, &example.depths);
     let error = fit(&points, &settings(FitMethod::Joint), None).unwrap_err();
     assert!(error.to_string().contains("needs the image"), "{error}");
 }
@@ -504,12 +508,12 @@ fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
     let places: Vec<[f64; 2]> = (0..12).map(place).collect();
     let depths: Vec<f32> = places.iter().map(|&[x, y]| plane(x, y)).collect();
     let cosines = CosineBasis::up_to(frequency);
-    let rows = cosines.beside(&[1.0; 12], 1, (height, width), &places);
+    let rows = cosines.append_to(&[1.0; 12], 1, (height, width), &places);
     let affinities = Affinities::new((height, width), &vec![1.0; 2 * height * width]).unwrap();
     let unknown = NoisePrior {
         mean: 0.0,
         deviation: None,
-        trust: 0.0,
+        equivalent_points: 0.0,
     };
     let prior = Prior::new(&[1.0], &[0.1], unknown).unwrap();
     let config = FitConfig {
@@ -522,17 +526,17 @@ fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
         },
         ..FitConfig::default()
     };
-    let points = Points {
-        bases: Bases::Rows(&rows),
+    let points = FitPoints {
+        bases: BasisValues::AtPoints(&rows),
         guides: 0,
         depths: &depths,
         deviations: None,
         places: Some(&places),
-        scene: Some(Scene {
+        geometry: Some(FieldGeometry {
             affinities: &affinities,
             size: (height, width),
             upsampling: None,
-            once: false,
+            transient: false,
         }),
     };
     let fit = fit(&points, &config, Some(&prior)).unwrap();
@@ -565,10 +569,10 @@ fn cosines_carry_slopes_between_points() {
 #[test]
 fn cosines_without_their_columns_are_refused() {
     let example = Example::new();
-    let points = Points {
+    let points = FitPoints {
         places: Some(&example.places),
-        scene: Some(example.scene()),
-        ..Points::new(&example.bases, &example.depths)
+        geometry: Some(example.geometry()),
+        ..FitPoints::new(&example.bases, &example.depths)
     };
     let config = FitConfig {
         joint: JointConfig {
@@ -668,7 +672,7 @@ fn leave_one_out_residuals_between_pixels_are_those_of_fits_without_the_point() 
             let mut own = vec![0.0; HEIGHT * WIDTH];
             field.add_to((HEIGHT, WIDTH), &mut own);
             let own: Vec<f64> = own.into_iter().map(f64::from).collect();
-            let taps = crate::bilinear::InterpolationWeights::new(
+            let interpolation = crate::bilinear::InterpolationWeights::new(
                 example.places[i],
                 size,
                 (HEIGHT, WIDTH),
@@ -678,7 +682,8 @@ fn leave_one_out_residuals_between_pixels_are_those_of_fits_without_the_point() 
                 .iter()
                 .zip(&without.weights)
                 .map(|(b, w)| f64::from(*b) * w);
-            let expected = f64::from(example.depths[i]) - functions.sum::<f64>() - taps.read(&own);
+            let expected =
+                f64::from(example.depths[i]) - functions.sum::<f64>() - interpolation.read(&own);
             assert!((found - expected).abs() < 1e-5, "{i}: {found} {expected}");
         }
     }
@@ -726,7 +731,7 @@ impl Many {
         Rng::stream(2, &["many"]).choose(&mut places, 1200);
         places.truncate(1200);
         let cosines = CosineBasis::up_to(0.5);
-        let rows = cosines.beside(&bases_at(&places), 3, size, &places);
+        let rows = cosines.append_to(&bases_at(&places), 3, size, &places);
         let wobble = random(places.len(), "many wobble");
         let depth = |([x, y], w): (&[f64; 2], &f64)| {
             (3.0 + 0.1 * x - 0.05 * y + (0.2 * x).sin() + 0.1 * w) as f32
@@ -749,17 +754,17 @@ impl Many {
     }
 
     fn fit(&self) -> Fit {
-        let points = Points {
-            bases: Bases::Rows(&self.rows),
+        let points = FitPoints {
+            bases: BasisValues::AtPoints(&self.rows),
             guides: 0,
             depths: &self.depths,
             deviations: None,
             places: Some(&self.places),
-            scene: Some(Scene {
+            geometry: Some(FieldGeometry {
                 affinities: &self.affinities,
                 size: (MANY, MANY),
                 upsampling: None,
-                once: false,
+                transient: false,
             }),
         };
         fit(&points, &self.config, None).unwrap()
@@ -771,9 +776,9 @@ impl Many {
         let size = pixels + columns;
         let joint = self.config.joint;
         let mut matrix = Mat::<f64>::zeros(size, size);
-        let grid = self.affinities.grid(joint.level);
+        let grid = self.affinities.grid(joint.diagonal_regularisation);
         for i in 0..pixels {
-            matrix[(i, i)] += joint.level;
+            matrix[(i, i)] += joint.diagonal_regularisation;
             let right = ((i + 1) % MANY > 0).then_some((i + 1, grid.right[i]));
             let down = (i + MANY < pixels).then_some((i + MANY, grid.down[i]));
             for (j, strength) in right.into_iter().chain(down) {
@@ -788,9 +793,9 @@ impl Many {
             let own = self.rows[p * columns..][..columns].iter().enumerate();
             row.extend(own.map(|(j, value)| (pixels + j, f64::from(*value))));
             for &(i, a) in &row {
-                right[(i, 0)] += joint.data * a * f64::from(self.depths[p]);
+                right[(i, 0)] += joint.observation_precision * a * f64::from(self.depths[p]);
                 for &(j, b) in &row {
-                    matrix[(i, j)] += joint.data * a * b;
+                    matrix[(i, j)] += joint.observation_precision * a * b;
                 }
             }
         }
@@ -876,10 +881,9 @@ fn upsampling() -> Upsampling {
     Upsampling::new(image, (colours(grid.0 * grid.1, "grid"), grid)).unwrap()
 }
 
-/// The pixels around a point are tied by a hundredth of its weight times their shares, where they hardly hold
-/// together: both forms of the field against dense equations.
+/// The step terms of a point have a hundredth of its weight times the shares of its pixels, where affinities are low: both forms of the field against dense equations.
 #[test]
-fn points_of_a_larger_image_tie_their_pixels() {
+fn points_of_a_larger_image_have_step_terms() {
     let upsampling = upsampling();
     let edges = random(2 * HEIGHT * WIDTH, "weak edges");
     let edges: Vec<f32> = edges.iter().map(|v| (2.0 * v - 3.0).exp() as f32).collect();
@@ -887,32 +891,34 @@ fn points_of_a_larger_image_tie_their_pixels() {
         affinities: Affinities::new((HEIGHT, WIDTH), &edges).unwrap(),
         ..Example::at(places_between())
     };
-    let scene = Scene {
+    let geometry = FieldGeometry {
         affinities: &example.affinities,
         size: (3 * HEIGHT, 3 * WIDTH),
         upsampling: Some(&upsampling),
-        once: false,
+        transient: false,
     };
-    let points = Points {
+    let points = FitPoints {
         places: Some(&example.places),
-        ..Points::new(&example.bases, &example.depths)
+        ..FitPoints::new(&example.bases, &example.depths)
     };
     let rows = points.rows(Space::Depth).unwrap();
     let joint = JointConfig {
-        level: 1e-2,
+        diagonal_regularisation: 1e-2,
         ..JointConfig::default()
     };
-    let sites = MergedObservations::new(&rows, &rows.weights, scene, &joint).unwrap();
+    let merged = MergedObservations::new(&rows, &rows.weights, geometry, &joint).unwrap();
 
     let pixels = HEIGHT * WIDTH;
-    let mut equations = precision(&example.affinities, joint.level, pixels);
-    let seen = Mat::from_fn(sites.taps.len(), pixels, |i, pixel| {
-        let own = sites.taps[i].iter().filter(|tap| tap.0 as usize == pixel);
+    let mut equations = precision(&example.affinities, joint.diagonal_regularisation, pixels);
+    let seen = Mat::from_fn(merged.interpolation.len(), pixels, |i, pixel| {
+        let own = merged.interpolation[i]
+            .iter()
+            .filter(|tap| tap.0 as usize == pixel);
         own.map(|tap| tap.1).sum::<f64>()
     });
-    let grid = example.affinities.grid(joint.level);
+    let grid = example.affinities.grid(joint.diagonal_regularisation);
     let (mut tied, mut apart) = (0, 0);
-    for (i, weight) in sites.weights.iter().enumerate() {
+    for (i, weight) in merged.weights.iter().enumerate() {
         for one in 0..pixels {
             for (other, along) in [(one + 1, grid.right), (one + WIDTH, grid.down)] {
                 let inside = other < pixels && (other != one + 1 || other % WIDTH > 0);
@@ -936,24 +942,26 @@ fn points_of_a_larger_image_tie_their_pixels() {
     let covariance = &seen * equations.partial_piv_lu().solve(seen.transpose());
     let noisy = Mat::from_fn(seen.nrows(), seen.nrows(), |i, j| {
         let noise = if i == j {
-            sites.weights[i].recip()
+            merged.weights[i].recip()
         } else {
             0.0
         };
         covariance[(i, j)] + noise
     });
-    let sample = sites.sample(sites.len(), &rows).unwrap();
+    let sample = merged.sample(merged.len(), &rows).unwrap();
     let columns = sample.columns() + 1;
     let targets = Mat::from_fn(seen.nrows(), columns, |i, j| sample.rows[i * columns + j]);
     let expected = targets.transpose() * noisy.partial_piv_lu().solve(&targets);
     let smoothness = Smoothness {
         affinities: example.affinities.clone(),
-        level: joint.level,
-        tied: true,
+        regularisation: joint.diagonal_regularisation,
+        smooths_steps: true,
         lumped: false,
     };
     let few = smoothness.covariance_solver(&sample).unwrap();
-    let many = smoothness.observed(&sites.taps, &sites.weights).unwrap();
+    let many = smoothness
+        .observed(&merged.interpolation, &merged.weights)
+        .unwrap();
     for moments in [few.moments().clone(), many.moments(&sample.rows, columns)] {
         for j in 0..columns {
             for i in j..columns {
@@ -972,22 +980,25 @@ fn a_larger_image_is_observed_as_it_is_read() {
     let upsampling = upsampling();
     let example = Example::at(places_between());
     let size = (3 * HEIGHT, 3 * WIDTH);
-    let points = Points {
+    let points = FitPoints {
         places: Some(&example.places),
-        scene: Some(Scene {
+        geometry: Some(FieldGeometry {
             size,
             upsampling: Some(&upsampling),
-            once: false,
-            ..example.scene()
+            transient: false,
+            ..example.geometry()
         }),
-        ..Points::new(&example.bases, &example.depths)
+        ..FitPoints::new(&example.bases, &example.depths)
     };
     let fit = fit(&points, &settings(FitMethod::Joint), None).unwrap();
     let leverages = fit.leverages(&example.bases);
     for (i, &place) in example.places.iter().enumerate() {
         let row = example.bases[3 * i..][..3].iter().zip(&fit.weights);
         let functions: f64 = row.map(|(b, w)| f64::from(*b) * w).sum();
-        let smooth = fit.smooth().unwrap().read(&upsampling.taps(place, size));
+        let smooth = fit
+            .smooth()
+            .unwrap()
+            .read(&upsampling.interpolation(place, size));
         let expected = f64::from(example.depths[i]) - functions - smooth;
         assert!((fit.residuals[i] - expected).abs() < 1e-6);
         assert!((0.0..=1.0).contains(&leverages[i]));

@@ -38,7 +38,7 @@ pub struct Moments {
     /// `M^T M`, both halves.
     pub normal: Mat<f64>,
     /// `M^T d`.
-    pub right: Vec<f64>,
+    pub rhs: Vec<f64>,
     /// `d^T d`.
     pub square: f64,
     /// The number of rows with a nonzero weight.
@@ -158,9 +158,9 @@ impl Problem {
                 })
             }
             Solver::Ridge(share) => {
-                let (factor, right) = self.ridge(share)?;
+                let (factor, rhs) = self.ridge(share)?;
                 Ok(Solution {
-                    weights: solve(&factor, &right),
+                    weights: solve(&factor, &rhs),
                     rank: columns,
                     factor: inverse_factor(&factor),
                 })
@@ -178,7 +178,7 @@ impl Problem {
         if self.rows.len() < columns {
             return None;
         }
-        let (normal, right) = self.normal();
+        let (normal, rhs) = self.normal();
         let largest = (0..columns).map(|i| normal[(i, i)]).sum::<f64>().sqrt();
         let factor = normal.llt(Side::Lower).ok()?;
         let inverse = inverse_factor(&factor);
@@ -187,7 +187,7 @@ impl Problem {
         if condition.is_nan() || condition >= WORST.min(1.0 / rcond) {
             return None;
         }
-        let mut weights = solve(&factor, &right);
+        let mut weights = solve(&factor, &rhs);
         let residual = subtract(&self.depths, &self.times(&weights));
         let step = solve(&factor, &self.transposed_times(&residual));
         weights.iter_mut().zip(step).for_each(|(w, s)| *w += s);
@@ -200,11 +200,11 @@ impl Problem {
 
     /// The sufficient statistics of the problem.
     pub fn moments(&self) -> Moments {
-        let (half, right) = self.normal();
+        let (half, rhs) = self.normal();
         let columns = self.columns;
         Moments {
             normal: Mat::from_fn(columns, columns, |i, j| half[(i.max(j), i.min(j))]),
-            right,
+            rhs,
             square: dot(&self.depths, &self.depths),
             count: self.rows.len(),
         }
@@ -237,9 +237,9 @@ impl Problem {
             .collect();
         let total = parts.into_iter().reduce(|sum, part| sum + part);
         let total = total.unwrap_or_else(|| Mat::zeros(row, row));
-        let right = (0..self.columns).map(|j| total[(self.columns, j)]);
+        let rhs = (0..self.columns).map(|j| total[(self.columns, j)]);
         let normal = total.submatrix(0, 0, self.columns, self.columns);
-        (normal.to_owned(), right.collect())
+        (normal.to_owned(), rhs.collect())
     }
 
     /// The gradients with respect to `bases` (row by row) and `depths`, as given to `new` for `count` rows,
@@ -319,8 +319,8 @@ impl Problem {
     /// The adjoint of `x = A^-1 M^T d` with `A = M^T M + share trace(M^T M) / k I`.
     fn ridge_adjoint(&self, grad: &[f64], share: f64) -> Result<LstsqAdjoint, FitError> {
         let matrix = self.matrix();
-        let (factor, right) = self.ridge(share)?;
-        let (x, v) = (solve(&factor, &right), solve(&factor, grad));
+        let (factor, rhs) = self.ridge(share)?;
+        let (x, v) = (solve(&factor, &rhs), solve(&factor, grad));
         let depths = self.times(&v);
         let residual = subtract(&self.depths, &self.times(&x));
         let shrink = 2.0 * share / matrix.ncols() as f64 * dot(&v, &x);
@@ -333,7 +333,7 @@ impl Problem {
     /// The Cholesky factor of the regularised normal equations, and their right side.
     fn ridge(&self, share: f64) -> Result<(Llt<f64>, Vec<f64>), FitError> {
         let columns = self.columns;
-        let (mut normal, right) = self.normal();
+        let (mut normal, rhs) = self.normal();
         let trace: f64 = (0..columns).map(|i| normal[(i, i)]).sum();
         // Where all basis functions are zero, so are their weights.
         let shift = if trace > 0.0 {
@@ -349,7 +349,7 @@ impl Problem {
                 "the normal equations are not positive definite; raise `fit.ridge`",
             )
         })?;
-        Ok((factor, right))
+        Ok((factor, rhs))
     }
 
     /// The singular directions with `s > rcond * s[0]`; a QR step first makes tall problems cheap.

@@ -2,7 +2,7 @@
 
 use super::mixture::{Predict, Predictions};
 use crate::error::Result;
-use crate::nearest::Cells;
+use crate::nearest::NeighbourGrid;
 use faer::Mat;
 use rayon::prelude::*;
 
@@ -11,7 +11,7 @@ const NEAREST: usize = 16;
 
 /// Points with the covariances of each and its nearest others.
 #[derive(Debug)]
-pub(super) struct Local<'a> {
+pub(super) struct LocalKriging<'a> {
     values: &'a [f64],
     points: Vec<Surroundings>,
 }
@@ -28,7 +28,7 @@ struct Surroundings {
     variance: f64,
 }
 
-impl<'a> Local<'a> {
+impl<'a> LocalKriging<'a> {
     /// Points with such `values`, each of which is in one of the `blocks`; it is predicted by others in its block.
     /// `covariance` finds the covariances of the values of a block before noise.
     ///
@@ -65,7 +65,7 @@ impl<'a> Local<'a> {
     }
 }
 
-impl Predict for Local<'_> {
+impl Predict for LocalKriging<'_> {
     fn predict(&self, noise: &[f64]) -> Result<Predictions> {
         let pairs = self.points.par_iter().zip(self.values);
         let found = pairs.map(|(point, value)| {
@@ -80,7 +80,7 @@ impl Predict for Local<'_> {
 impl Surroundings {
     /// The surroundings of all points at such `places`, with the covariances of their values.
     fn all(places: &[[f64; 2]], covariance: &Mat<f64>) -> Vec<Self> {
-        let cells = Cells::new(places);
+        let cells = NeighbourGrid::new(places);
         let around = |(i, place): (usize, &[f64; 2])| {
             let found = cells.nearest(*place, NEAREST + 1).into_iter();
             let others = found.map(|(_, j)| j).filter(|&j| j != i);
@@ -166,7 +166,7 @@ mod tests {
         let values: Vec<f64> = (0..N).map(|i| (i as f64 * 1.7).cos()).collect();
         let noise: Vec<f64> = (0..N).map(|i| 0.1 + i as f64 * 0.05).collect();
         let block: Vec<usize> = (0..N).collect();
-        let found = Local::new(&values, &places, &[block], |_| Ok(covariance.clone()))
+        let found = LocalKriging::new(&values, &places, &[block], |_| Ok(covariance.clone()))
             .unwrap()
             .predict(&noise)
             .unwrap();

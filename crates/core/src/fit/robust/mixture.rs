@@ -1,32 +1,32 @@
-//! Points that are right among points that are wrong: a mixture of two kinds of errors of prediction.
+//! Inliers and outliers among points: a mixture of two kinds of prediction errors.
 //!
-//! Each point is predicted from the others, with a standard deviation that depends on how far away they are and
-//! which edges lie between. A right point is off by a multiple of it from a distribution with heavy tails, because
-//! a depth edge that the image does not show makes a right point look wrong. The error of a wrong point has nothing
-//! to do with it. The scale of the former, the size and the sign of the latter and the share of wrong points are
-//! estimated together with the probability that each point is right (expectation maximisation); a point then
-//! predicts the others by as much as it is right. At first every point counts as right, so that the scale includes
-//! wrong points and only the farthest are dismissed; as they go, predictions improve and the scale shrinks.
+//! Each point is predicted from the others, with a standard deviation that depends on their distances and on the edges
+//! between them. The standardised error of an inlier follows a heavy-tailed distribution, because a depth edge that the
+//! image does not show makes an inlier look wrong. The error of an outlier does not depend on that standard deviation. The
+//! scale of the inliers, the size and the sign of the outliers and their share are estimated together with the probability
+//! that each point is an inlier (expectation maximisation); a point then predicts the others with a weight by that
+//! probability. At first every point counts as an inlier, so that the scale includes outliers and only the farthest are
+//! rejected; without them, predictions improve and the scale shrinks.
 //!
-//! Once most wrong points are known, the neighbours of a point are asked two things. Where right points are off by
-//! more than elsewhere, so may this one be. And a point that agrees with several neighbours, right or not, may lie
-//! with them on an object that the image does not show: independent errors do not agree.
+//! Once most outliers are known, two tests use the neighbours of a point. Inliers near a point with larger errors increase
+//! its tolerance. And a point that agrees with several neighbours, inliers or not, may lie with them on an object that the
+//! image does not show: independent errors do not agree.
 
 use crate::error::Result;
 use crate::fit::medians::{deviation, median, weighted_median};
-use crate::nearest::Cells;
+use crate::nearest::NeighbourGrid;
 use rayon::prelude::*;
 
-/// Points to be judged.
+/// Points to be tested.
 #[derive(Clone, Debug)]
-pub(super) struct Evidence {
+pub(super) struct TestedPoints {
     pub(super) values: Vec<f64>,
     /// The variance of the noise of each value, in the unit of the predictions.
     pub(super) noise: Vec<f64>,
     pub(super) places: Option<Vec<[f64; 2]>>,
-    /// What a relative error is relative to.
+    /// The unit of relative errors.
     pub(super) unit: f64,
-    /// Whether the errors of right points grow with their values.
+    /// Whether the errors of inliers grow with their values.
     pub(super) proportional: bool,
 }
 
@@ -45,23 +45,22 @@ pub(super) struct Predictions {
     pub(super) variances: Vec<f64>,
 }
 
-/// What the other points say of a point.
+/// The probability that a point is an inlier, given the other points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InlierPosterior {
-    /// The probability that the point is right.
-    pub right: f64,
-    /// Its value minus the one that the others predict.
+    /// The probability that the point is an inlier.
+    pub p_inlier: f64,
+    /// Its value minus its prediction by the others.
     pub error: f64,
-    /// The scale of the errors that right points have there.
+    /// The scale of the errors of inliers there.
     pub scale: f64,
-    /// The inverse variance of noise with which the point has the influence on a fit that it has by that
-    /// probability.
+    /// The inverse variance of noise with which the point has the influence on a fit of that probability.
     pub(super) precision: f64,
 }
 
-/// The most rounds of predictions before neighbours are asked, and with them.
+/// The most rounds of predictions without tests by neighbours, and with them.
 const ROUNDS: [usize; 2] = [8, 4];
-/// The same by rough predictions: with 8 and 2, errors of maps are the same; with 1 and 1, those with many wrong points
+/// The same by rough predictions: with 8 and 2, errors of maps are the same; with 1 and 1, those with many outliers
 /// are 2 to 4 % larger.
 const ROUGHLY: [usize; 2] = [2, 1];
 /// Rounds end when no more points than one in so many change their probability by this.
@@ -70,64 +69,64 @@ const SETTLED: (usize, f64) = (1000, 0.02);
 const STEPS: [usize; 2] = [12, 5];
 /// With fewer points there is nothing to compare.
 const FEWEST: usize = 4;
-/// The least probability that a point is right.
+/// The least probability that a point is an inlier.
 const LEAST: f64 = 1e-6;
 
-/// Judges each of some points by the others, which at first predict with noise of the variances `start`.
-pub(super) fn judge<'a>(
-    points: &'a Evidence,
+/// Tests each point by the others, which at first predict with noise of the variances `start`.
+pub(super) fn test_outliers<'a>(
+    points: &'a TestedPoints,
     start: &[f64],
     predict: &impl Predict,
-) -> Result<Judged<'a>> {
-    judge_with(points, Neighbours::new(points), start, predict)
+) -> Result<OutlierTest<'a>> {
+    test_outliers_with(points, NearestPoints::new(points), start, predict)
 }
 
 /// The same with known neighbours.
-pub(super) fn judge_with<'a>(
-    points: &'a Evidence,
-    neighbours: Neighbours,
+pub(super) fn test_outliers_with<'a>(
+    points: &'a TestedPoints,
+    neighbours: NearestPoints,
     start: &[f64],
     predict: &impl Predict,
-) -> Result<Judged<'a>> {
-    let mut judged = Judged::new(points, neighbours, start, predict)?;
+) -> Result<OutlierTest<'a>> {
+    let mut test = OutlierTest::new(points, neighbours, start, predict)?;
     if points.values.len() >= FEWEST {
-        judged.rounds(false, ROUNDS[0], predict)?;
-        judged.rounds(true, ROUNDS[1], predict)?;
-        judged.end(doubt(&judged.right));
+        test.rounds(false, ROUNDS[0], predict)?;
+        test.rounds(true, ROUNDS[1], predict)?;
+        test.finish(odds_factor(&test.p_inlier));
     }
-    Ok(judged)
+    Ok(test)
 }
 
-/// The same by rough predictions that cost little, and then by others. Where few points seem wrong by either, there is
-/// doubt.
-pub(super) fn judge_twice<'a>(
-    points: &'a Evidence,
-    neighbours: Neighbours,
+/// The same by rough predictions that cost little, and then by others. The lower number of outliers of both sets the final
+/// odds.
+pub(super) fn test_outliers_in_two_stages<'a>(
+    points: &'a TestedPoints,
+    neighbours: NearestPoints,
     start: &[f64],
     rough: &impl Predict,
     predict: &impl Predict,
-) -> Result<Judged<'a>> {
-    let mut judged = Judged::new(points, neighbours, start, rough)?;
-    judged.rounds(false, ROUGHLY[0], rough)?;
-    judged.rounds(true, ROUGHLY[1], rough)?;
-    let before = doubt(&judged.right);
-    let most = rounds_after_rough(&judged.right);
-    judged.turn_to(predict)?;
-    judged.rounds(true, most, predict)?;
-    judged.end(doubt(&judged.right).min(before));
-    Ok(judged)
+) -> Result<OutlierTest<'a>> {
+    let mut test = OutlierTest::new(points, neighbours, start, rough)?;
+    test.rounds(false, ROUGHLY[0], rough)?;
+    test.rounds(true, ROUGHLY[1], rough)?;
+    let before = odds_factor(&test.p_inlier);
+    let most = rounds_after_rough(&test.p_inlier);
+    test.switch_predictions(predict)?;
+    test.rounds(true, most, predict)?;
+    test.finish(odds_factor(&test.p_inlier).min(before));
+    Ok(test)
 }
 
 /// The most rounds after rough predictions. The more points there are, the more a round costs, and the fewer are needed;
 /// but where many are wrong, these spoil the rough predictions, and with few rounds errors of maps are a sixth larger.
-pub(super) fn rounds_after_rough(right: &[f64]) -> usize {
+pub(super) fn rounds_after_rough(p_inlier: &[f64]) -> usize {
     const MANY: f64 = 0.15;
-    let [few, many] = match right.len() {
+    let [few, many] = match p_inlier.len() {
         0..=20_000 => [4, 8],
         20_001..=40_000 => [2, 8],
         _ => [1, 4],
     };
-    if share_of_wrong(right) > MANY {
+    if outlier_share(p_inlier) > MANY {
         many
     } else {
         few
@@ -136,95 +135,110 @@ pub(super) fn rounds_after_rough(right: &[f64]) -> usize {
 
 /// Points, and what is known of them after some rounds.
 #[derive(Debug)]
-pub(super) struct Judged<'a> {
-    points: &'a Evidence,
-    neighbours: Neighbours,
+pub(super) struct OutlierTest<'a> {
+    points: &'a TestedPoints,
+    neighbours: NearestPoints,
     mixture: Mixture,
     /// The last predictions.
-    found: Predictions,
-    right: Vec<f64>,
+    predictions: Predictions,
+    p_inlier: Vec<f64>,
     scales: Vec<f64>,
     /// The variances with which the points predict.
     noise: Vec<f64>,
     is_first: bool,
-    /// What the odds that a point is wrong are multiplied by in the end.
-    doubt: f64,
+    /// The factor of the final odds that a point is an outlier.
+    odds_factor: f64,
 }
 
-impl<'a> Judged<'a> {
+impl<'a> OutlierTest<'a> {
     fn new(
-        points: &'a Evidence,
-        neighbours: Neighbours,
+        points: &'a TestedPoints,
+        neighbours: NearestPoints,
         start: &[f64],
         predict: &impl Predict,
     ) -> Result<Self> {
-        let found = predict.predict(start)?;
-        let scales = points.spreads(&found);
+        let predictions = predict.predict(start)?;
+        let scales = points.spreads(&predictions);
         Ok(Self {
             points,
             neighbours,
-            mixture: Mixture::new(points, &found.errors, &scales),
-            found,
-            right: vec![1.0; points.values.len()],
+            mixture: Mixture::new(points, &predictions.errors, &scales),
+            predictions,
+            p_inlier: vec![1.0; points.values.len()],
             scales,
             noise: start.to_vec(),
             is_first: true,
-            doubt: 1.0,
+            odds_factor: 1.0,
         })
     }
 
-    /// At most so many rounds, which ask neighbours or not.
-    fn rounds(&mut self, asked: bool, most: usize, predict: &impl Predict) -> Result<()> {
+    /// At most `most` rounds, with tests by neighbours or without.
+    fn rounds(&mut self, with_neighbours: bool, most: usize, predict: &impl Predict) -> Result<()> {
         for _ in 0..most {
             if !self.is_first {
-                self.found = predict.predict(&self.noise)?;
+                self.predictions = predict.predict(&self.noise)?;
             }
-            let before = self.right.clone();
-            self.round(asked);
-            if is_settled(&before, &self.right) {
+            let before = self.p_inlier.clone();
+            self.round(with_neighbours);
+            if is_settled(&before, &self.p_inlier) {
                 break;
             }
         }
         Ok(())
     }
 
-    /// Goes on with other predictions, whose errors have the scale that those of right points have.
-    fn turn_to(&mut self, predict: &impl Predict) -> Result<()> {
-        self.found = predict.predict(&self.noise)?;
-        let spreads = self.points.spreads(&self.found);
-        let pairs = self.found.errors.iter().zip(&spreads).zip(&self.right);
-        let seen = pairs.filter(|(_, right)| **right > 0.5);
+    /// Switches to other predictions, and sets the scale to that of the errors of inliers.
+    fn switch_predictions(&mut self, predict: &impl Predict) -> Result<()> {
+        self.predictions = predict.predict(&self.noise)?;
+        let spreads = self.points.spreads(&self.predictions);
+        let pairs = self
+            .predictions
+            .errors
+            .iter()
+            .zip(&spreads)
+            .zip(&self.p_inlier);
+        let inliers = pairs.filter(|(_, p_inlier)| **p_inlier > 0.5);
         self.mixture
-            .scale_by(self.points, &spreads, seen.map(|((e, s), _)| e / s));
+            .scale_by(self.points, &spreads, inliers.map(|((e, s), _)| e / s));
         self.is_first = true;
         Ok(())
     }
 
-    /// Ends with this much doubt.
-    fn end(&mut self, doubt: f64) {
-        self.doubt = doubt;
-        doubted(&mut self.right, doubt);
-        self.noise = self.points.noise_of(&self.found, &self.right);
+    /// Multiplies the odds that points are outliers by a factor.
+    fn finish(&mut self, odds_factor: f64) {
+        self.odds_factor = odds_factor;
+        scale_odds(&mut self.p_inlier, odds_factor);
+        self.noise = self.points.noise_of(&self.predictions, &self.p_inlier);
     }
 
     /// Steps of expectation maximisation with the same predictions.
-    fn round(&mut self, asked: bool) {
-        let (points, errors, mixture) = (self.points, &self.found.errors, &mut self.mixture);
-        let spreads = points.spreads(&self.found);
+    fn round(&mut self, with_neighbours: bool) {
+        let (points, errors, mixture) = (self.points, &self.predictions.errors, &mut self.mixture);
+        let spreads = points.spreads(&self.predictions);
         let neighbours = &self.neighbours;
-        let agreement =
-            asked.then(|| neighbours.agreement(&points.values, &self.right, mixture.size));
+        let agreement = with_neighbours
+            .then(|| neighbours.agreement(&points.values, &self.p_inlier, mixture.outlier_scale));
         for _ in 0..STEPS[usize::from(!self.is_first)] {
             self.scales.clone_from(&spreads);
-            if asked {
-                neighbours.roughen(&mut self.scales, errors, &self.right, mixture.scale);
+            if with_neighbours {
+                neighbours.scale_by_roughness(
+                    &mut self.scales,
+                    errors,
+                    &self.p_inlier,
+                    mixture.scale,
+                );
             }
             for scale in &mut self.scales {
                 *scale *= mixture.scale;
             }
-            mixture.step(errors, &self.scales, agreement.as_deref(), &mut self.right);
+            mixture.step(
+                errors,
+                &self.scales,
+                agreement.as_deref(),
+                &mut self.p_inlier,
+            );
         }
-        self.noise = points.noise_of(&self.found, &self.right);
+        self.noise = points.noise_of(&self.predictions, &self.p_inlier);
         self.is_first = false;
     }
 
@@ -233,29 +247,37 @@ impl<'a> Judged<'a> {
         &self.noise
     }
 
-    /// What the others say of each point.
-    pub(super) fn judgements(&self) -> Vec<InlierPosterior> {
-        judgements(&self.found, &self.right, &self.scales, &self.noise)
+    /// The posterior of each point.
+    pub(super) fn posteriors(&self) -> Vec<InlierPosterior> {
+        posteriors(&self.predictions, &self.p_inlier, &self.scales, &self.noise)
     }
 
-    /// What these points say of others, which they predict with these errors and variances.
-    pub(super) fn others(&self, others: &Evidence, found: &Predictions) -> Vec<InlierPosterior> {
+    /// The posteriors of other points, which these predict with these errors and variances.
+    pub(super) fn others(
+        &self,
+        others: &TestedPoints,
+        predictions: &Predictions,
+    ) -> Vec<InlierPosterior> {
         let places = [&others.places, &self.points.places];
         let [places, own] = places.map(|places| places.as_deref().unwrap_or_default());
-        let (cells, closest) = (Cells::new(own), self.neighbours.closest);
-        let (values, right) = (&self.points.values, &self.right);
-        let Mixture { scale, size, .. } = self.mixture;
-        let spreads = self.points.spreads(&self.found);
-        let squares = squares(&self.found.errors, &spreads, scale);
-        let steepest = self.neighbours.steepest(values, right);
-        // All points of a cell ask the same neighbours.
+        let (cells, closest) = (NeighbourGrid::new(own), self.neighbours.closest);
+        let (values, p_inlier) = (&self.points.values, &self.p_inlier);
+        let Mixture {
+            scale,
+            outlier_scale,
+            ..
+        } = self.mixture;
+        let spreads = self.points.spreads(&self.predictions);
+        let squares = squares(&self.predictions.errors, &spreads, scale);
+        let steepest = self.neighbours.steepest(values, p_inlier);
+        // All points of a cell have the same neighbours.
         let cell = |(i, &place): (usize, &[f64; 2])| (cells.index(place), i);
         let mut turns: Vec<(usize, usize)> = places.par_iter().enumerate().map(cell).collect();
         turns.par_sort_unstable();
         let groups: Vec<_> = turns.chunk_by(|one, other| one.0 == other.0).collect();
-        let asked = groups.par_iter().map(|group| {
+        let by_group = groups.par_iter().map(|group| {
             let mut near = cells.nearest(cells.centre(group[0].0), COUNT);
-            let rough = roughness(&near, &squares, right);
+            let rough = roughness(&near, &squares, p_inlier);
             let agreeing = group.iter().map(|&(_, i)| {
                 for (distance, j) in &mut near {
                     let [u, v] = [0, 1].map(|axis| places[i][axis] - own[*j][axis]);
@@ -263,42 +285,42 @@ impl<'a> Judged<'a> {
                 }
                 let slope =
                     |(distance, j): (f64, usize)| (others.values[i] - values[j]).abs() / distance;
-                agreement(&near, slope, steepest, size)
+                agreement(&near, slope, steepest, outlier_scale)
             });
             (rough, agreeing.collect())
         });
-        let asked: Vec<(f64, Vec<f64>)> = asked.collect();
-        let mut scales = others.spreads(found);
+        let by_group: Vec<(f64, Vec<f64>)> = by_group.collect();
+        let mut scales = others.spreads(predictions);
         let mut agreement = vec![0.0; scales.len()];
-        for (group, (rough, agreeing)) in groups.into_iter().zip(asked) {
+        for (group, (rough, agreeing)) in groups.into_iter().zip(by_group) {
             for (&(_, i), agreeing) in group.iter().zip(agreeing) {
                 scales[i] *= scale * rough;
                 agreement[i] = agreeing;
             }
         }
-        let mut right = vec![1.0; scales.len()];
-        let parts = right.par_chunks_mut(TOGETHER).enumerate();
-        parts.for_each(|(part, right)| {
-            let range = part * TOGETHER..part * TOGETHER + right.len();
-            let (errors, scales) = (&found.errors[range.clone()], &scales[range.clone()]);
+        let mut p_inlier = vec![1.0; scales.len()];
+        let parts = p_inlier.par_chunks_mut(TOGETHER).enumerate();
+        parts.for_each(|(part, p_inlier)| {
+            let range = part * TOGETHER..part * TOGETHER + p_inlier.len();
+            let (errors, scales) = (&predictions.errors[range.clone()], &scales[range.clone()]);
             self.mixture
-                .weigh(errors, scales, Some(&agreement[range]), right);
+                .weigh(errors, scales, Some(&agreement[range]), p_inlier);
         });
-        doubted(&mut right, self.doubt);
-        let noise = others.noise_of(found, &right);
-        judgements(found, &right, &scales, &noise)
+        scale_odds(&mut p_inlier, self.odds_factor);
+        let noise = others.noise_of(predictions, &p_inlier);
+        posteriors(predictions, &p_inlier, &scales, &noise)
     }
 }
 
-fn judgements(
-    found: &Predictions,
-    right: &[f64],
+fn posteriors(
+    predictions: &Predictions,
+    p_inlier: &[f64],
     scales: &[f64],
     noise: &[f64],
 ) -> Vec<InlierPosterior> {
-    let all = (0..right.len()).map(|i| InlierPosterior {
-        right: right[i],
-        error: found.errors[i],
+    let all = (0..p_inlier.len()).map(|i| InlierPosterior {
+        p_inlier: p_inlier[i],
+        error: predictions.errors[i],
         scale: scales[i],
         precision: noise[i].recip(),
     });
@@ -313,10 +335,10 @@ fn is_settled(before: &[f64], after: &[f64]) -> bool {
 }
 
 impl InlierPosterior {
-    /// Of points with noise of such variances, of which none says anything of another.
+    /// The posteriors of points with noise of such variances that do not predict each other.
     pub(super) fn unknown(noise: &[f64]) -> Vec<Self> {
         let all = noise.iter().map(|noise| Self {
-            right: 1.0,
+            p_inlier: 1.0,
             error: 0.0,
             scale: noise.sqrt(),
             precision: noise.recip(),
@@ -325,66 +347,66 @@ impl InlierPosterior {
     }
 }
 
-impl Evidence {
+impl TestedPoints {
     /// The standard deviations of predictions and noise, up to a common factor.
-    fn spreads(&self, found: &Predictions) -> Vec<f64> {
-        /// In units, for predictions that make no sense.
+    fn spreads(&self, predictions: &Predictions) -> Vec<f64> {
+        /// In units, for implausible predictions.
         const LOWEST: f64 = 0.1;
         let relative = |i: usize| {
             if self.proportional {
-                ((self.values[i] - found.errors[i]) / self.unit).max(LOWEST)
+                ((self.values[i] - predictions.errors[i]) / self.unit).max(LOWEST)
             } else {
                 1.0
             }
         };
-        let spread = |i: usize| (found.variances[i] + self.noise[i]).sqrt() * relative(i);
+        let spread = |i: usize| (predictions.variances[i] + self.noise[i]).sqrt() * relative(i);
         (0..self.values.len()).into_par_iter().map(spread).collect()
     }
 
-    /// The variances of noise with which points have the influence on a fit that they have by the probabilities
-    /// that they are right.
-    fn noise_of(&self, found: &Predictions, right: &[f64]) -> Vec<f64> {
-        let known = self.noise.par_iter().zip(&found.variances);
-        let pairs = known.zip(right);
-        let noise = pairs
-            .map(|((own, variance), right)| (own + variance * (1.0 - right)) / right.max(LEAST));
+    /// The variances of noise with which points have the influence on a fit of the probabilities that they are inliers.
+    fn noise_of(&self, predictions: &Predictions, p_inlier: &[f64]) -> Vec<f64> {
+        let known = self.noise.par_iter().zip(&predictions.variances);
+        let pairs = known.zip(p_inlier);
+        let noise = pairs.map(|((own, variance), p_inlier)| {
+            (own + variance * (1.0 - p_inlier)) / p_inlier.max(LEAST)
+        });
         noise.collect()
     }
 }
 
-/// Of perfect points, up to 1 % look wrong, because they lie on things that the image does not show. Where so few
-/// do, the odds that one is wrong are lower than those that are the same everywhere.
-fn doubt(right: &[f64]) -> f64 {
-    /// With this share of wrong points and more, there is no doubt.
+/// A factor of the odds that a point is an outlier. Of perfect points, up to 1 % look like outliers, because they lie on
+/// objects that the image does not show. With so few, the odds are lower.
+fn odds_factor(p_inlier: &[f64]) -> f64 {
+    /// From this share of outliers on, the factor is 1.
     const MANY: f64 = 0.06;
-    (share_of_wrong(right) / MANY).min(1.0).powi(2)
+    (outlier_share(p_inlier) / MANY).min(1.0).powi(2)
 }
 
-fn share_of_wrong(right: &[f64]) -> f64 {
-    let wrong: f64 = right.iter().map(|right| 1.0 - right).sum();
-    wrong / right.len() as f64
+fn outlier_share(p_inlier: &[f64]) -> f64 {
+    let wrong: f64 = p_inlier.iter().map(|p_inlier| 1.0 - p_inlier).sum();
+    wrong / p_inlier.len() as f64
 }
 
-fn doubted(right: &mut [f64], doubt: f64) {
-    for right in right {
-        *right /= *right + (1.0 - *right) * doubt;
+fn scale_odds(p_inlier: &mut [f64], odds_factor: f64) {
+    for p_inlier in p_inlier {
+        *p_inlier /= *p_inlier + (1.0 - *p_inlier) * odds_factor;
     }
 }
 
 /// The parameters of the two kinds of errors.
 #[derive(Clone, Copy, Debug)]
 struct Mixture {
-    /// The scale of the errors of right points, in their spreads.
+    /// The scale of the errors of inliers, in their spreads.
     scale: f64,
-    /// The scale of the errors of wrong points.
-    size: f64,
-    /// How much values differ.
-    differ: f64,
+    /// The scale of the errors of outliers.
+    outlier_scale: f64,
+    /// The robust standard deviation of the values.
+    value_deviation: f64,
     /// The size of values, and of gross errors.
     unit: f64,
-    /// The share of wrong points whose error is above 0.
-    above: f64,
-    /// The share of wrong points.
+    /// The share of outliers whose error is above 0.
+    positive: f64,
+    /// The share of outliers.
     share: f64,
     /// Smaller scales and sizes are rounding.
     least: [f64; 2],
@@ -392,35 +414,35 @@ struct Mixture {
 
 /// Smaller errors, in units, are rounding.
 const ROUNDING: f64 = 1e-9;
-/// The share of wrong points before any is seen, and as many points as that counts.
+/// The prior share of outliers, and the number of points that it is worth.
 const EXPECTED: (f64, f64) = (0.02, 50.0);
-/// As many wrong points are assumed to be off by as much as depths differ.
+/// This many outliers are assumed to be off by as much as depths differ.
 const ANYWHERE: f64 = 3.0;
-/// As many wrong points of either sign are assumed.
+/// This many outliers of either sign are assumed.
 const EITHER: f64 = 10.0;
-/// The least share of wrong points.
+/// The least share of outliers.
 const FEWEST_WRONG: f64 = 1e-3;
-/// The share of right points that lie on something else than the points that predict them.
+/// The share of inliers that lie on another object than the points that predict them.
 const HIDDEN: f64 = 0.03;
-/// The share of wrong points whose errors have distributions of Cauchy: half of them with the size of the others, half with
-/// that of depths. Their tails are heavier than those of right points: an error that is large enough is wrong, however
-/// small those of other wrong points are.
+/// The share of outliers whose errors follow Cauchy distributions: half of them with the size of the others, half with that
+/// of depths. Their tails are heavier than those of inliers: a point with a large enough error is an outlier, however
+/// small the errors of the other outliers are.
 const GROSS: f64 = 0.1;
-/// However many neighbours agree with a point.
+/// The largest odds of agreement, however many neighbours agree with a point.
 const SURE: f64 = 1e3;
 
 impl Mixture {
-    fn new(points: &Evidence, errors: &[f64], spreads: &[f64]) -> Self {
+    fn new(points: &TestedPoints, errors: &[f64], spreads: &[f64]) -> Self {
         let least = ROUNDING * points.unit;
         let squares: f64 = errors.iter().map(|e| e * e).sum();
         let middle = median(points.values.iter().copied());
-        let rests: Vec<f64> = points.values.iter().map(|value| value - middle).collect();
+        let centred: Vec<f64> = points.values.iter().map(|value| value - middle).collect();
         let mut mixture = Self {
             scale: 0.0,
-            size: (squares / errors.len() as f64).sqrt().max(least),
-            differ: deviation(&rests),
+            outlier_scale: (squares / errors.len() as f64).sqrt().max(least),
+            value_deviation: deviation(&centred),
             unit: points.unit,
-            above: 0.5,
+            positive: 0.5,
             share: 0.1,
             least: [0.0, least],
         };
@@ -432,31 +454,36 @@ impl Mixture {
         mixture
     }
 
-    /// The scale of the errors of right points from errors in such spreads.
-    fn scale_by(&mut self, points: &Evidence, spreads: &[f64], ratios: impl Iterator<Item = f64>) {
-        /// The median of the absolute values of the distribution of right points.
+    /// Sets the scale of the errors of inliers from errors with such spreads.
+    fn scale_by(
+        &mut self,
+        points: &TestedPoints,
+        spreads: &[f64],
+        ratios: impl Iterator<Item = f64>,
+    ) {
+        /// The median of the absolute values of the distribution of inliers.
         const MIDDLE: f64 = 0.9;
         self.least[0] = ROUNDING * points.unit / median(spreads.iter().copied());
         self.scale = (median(ratios.map(f64::abs)) / MIDDLE).max(self.least[0]);
     }
 
-    /// A step of expectation maximisation: the probabilities that points are right, for errors of which right
-    /// points have such `scales`, then the parameters. `agreement` is how much more likely each point is to agree
-    /// with its neighbours as it does if it lies with them on something hidden than if it is wrong.
+    /// A step of expectation maximisation: the probabilities that points are inliers, whose errors have such `scales`, then
+    /// the parameters. `agreement` is the likelihood ratio of each point's agreement with its neighbours if it lies with
+    /// them on a hidden object, over an outlier.
     fn step(
         &mut self,
         errors: &[f64],
         scales: &[f64],
         agreement: Option<&[f64]>,
-        right: &mut [f64],
+        p_inlier: &mut [f64],
     ) {
-        let parts = right
+        let parts = p_inlier
             .par_chunks_mut(TOGETHER)
             .enumerate()
-            .map(|(part, right)| {
-                let range = part * TOGETHER..part * TOGETHER + right.len();
+            .map(|(part, p_inlier)| {
+                let range = part * TOGETHER..part * TOGETHER + p_inlier.len();
                 let agreement = agreement.map(|odds| &odds[range.clone()]);
-                self.weigh(&errors[range.clone()], &scales[range], agreement, right)
+                self.weigh(&errors[range.clone()], &scales[range], agreement, p_inlier)
             });
         // In the same order for any number of threads.
         let parts: Vec<Sums> = parts.collect();
@@ -467,36 +494,36 @@ impl Mixture {
                 sums.counts[kind] += part.counts[kind];
             }
             sums.usual += part.usual;
-            sums.above += part.above;
+            sums.positive += part.positive;
         }
         let Sums {
             squares,
             counts,
             usual,
-            above,
+            positive,
         } = sums;
         let n = errors.len() as f64;
         self.share = ((counts[1] + EXPECTED.0 * EXPECTED.1) / (n + EXPECTED.1)).max(FEWEST_WRONG);
         if counts[0] > 0.0 {
             self.scale = (self.scale * (squares[0] / counts[0]).sqrt()).max(self.least[0]);
         }
-        let squares = squares[1] + ANYWHERE * self.differ * self.differ;
-        self.size = (squares / (usual + ANYWHERE)).sqrt().max(self.least[1]);
-        self.above = (above + EITHER) / (counts[1] + 2.0 * EITHER);
+        let squares = squares[1] + ANYWHERE * self.value_deviation * self.value_deviation;
+        self.outlier_scale = (squares / (usual + ANYWHERE)).sqrt().max(self.least[1]);
+        self.positive = (positive + EITHER) / (counts[1] + 2.0 * EITHER);
     }
 
-    /// The probabilities that some points are right, and their part in the parameters.
+    /// The probabilities that some points are inliers, and their part in the parameters.
     fn weigh(
         &self,
         errors: &[f64],
         scales: &[f64],
         agreement: Option<&[f64]>,
-        right: &mut [f64],
+        p_inlier: &mut [f64],
     ) -> Sums {
         let mut sums = Sums::default();
         for (i, (&error, &scale)) in errors.iter().zip(scales).enumerate() {
             let z = error / scale;
-            // Student's t, of 2 degrees of freedom until neighbours are asked, then of 3.
+            // Student's t, of 2 degrees of freedom without tests by neighbours, then of 3.
             let (density, pull) = if agreement.is_none() {
                 let spread = 1.0 + z * z / 2.0;
                 ((8.0 * spread.powi(3)).sqrt().recip(), 1.5 / spread)
@@ -506,12 +533,13 @@ impl Mixture {
                 (norm / (spread * spread), 4.0 / (3.0 * spread))
             };
             let side = if error > 0.0 {
-                2.0 * self.above
+                2.0 * self.positive
             } else {
-                2.0 * (1.0 - self.above)
+                2.0 * (1.0 - self.positive)
             };
             // Densities of the error in units of the scale.
-            let widths = [self.size, self.unit].map(|size| (1.0 + (size / scale).powi(2)).sqrt());
+            let widths = [self.outlier_scale, self.unit]
+                .map(|outlier_scale| (1.0 + (outlier_scale / scale).powi(2)).sqrt());
             let squares = widths.map(|width| (z / width).powi(2));
             let usual = (1.0 - GROSS) * (-0.5 * squares[0]).exp() / (ROOT_TAU * widths[0]);
             let tail =
@@ -519,59 +547,59 @@ impl Mixture {
             let (heavy, gross) = (tail(0), tail(1));
             let wrong = side * (usual + heavy + gross);
             let hidden = agreement.map_or(0.0, |odds| HIDDEN * odds[i].min(SURE) * wrong);
-            let seen = if agreement.is_none() {
+            let visible = if agreement.is_none() {
                 density
             } else {
                 (1.0 - HIDDEN) * density
             };
-            let (one, other) = ((1.0 - self.share) * (seen + hidden), self.share * wrong);
-            right[i] = one / (one + other);
-            let seen = right[i] * seen / (seen + hidden);
-            sums.squares[0] += seen * pull * z * z;
-            sums.counts[0] += seen;
-            let of_size = (1.0 - right[i]) / (usual + heavy + gross);
+            let (one, other) = ((1.0 - self.share) * (visible + hidden), self.share * wrong);
+            p_inlier[i] = one / (one + other);
+            let visible = p_inlier[i] * visible / (visible + hidden);
+            sums.squares[0] += visible * pull * z * z;
+            sums.counts[0] += visible;
+            let of_size = (1.0 - p_inlier[i]) / (usual + heavy + gross);
             let pull = usual + heavy * 2.0 / (1.0 + squares[0]);
             sums.squares[1] += of_size * pull * error * error;
             sums.usual += of_size * (usual + heavy);
-            sums.counts[1] += 1.0 - right[i];
-            sums.above += if error > 0.0 { 1.0 - right[i] } else { 0.0 };
+            sums.counts[1] += 1.0 - p_inlier[i];
+            sums.positive += if error > 0.0 { 1.0 - p_inlier[i] } else { 0.0 };
         }
         sums
     }
 }
 
-/// What the parameters follow from.
+/// The sufficient statistics of the parameters.
 #[derive(Debug, Default)]
 struct Sums {
-    /// Squared errors of right and of wrong points, and the numbers of both.
+    /// Squared errors of inliers and of outliers, and the numbers of both.
     squares: [f64; 2],
     counts: [f64; 2],
-    /// The number of wrong points whose errors are of the usual size.
+    /// The number of outliers whose errors are of the usual size.
     usual: f64,
-    /// The number of wrong points whose error is above 0.
-    above: f64,
+    /// The number of outliers whose error is above 0.
+    positive: f64,
 }
 
-/// Points that a task weighs.
+/// Points of a task.
 const TOGETHER: usize = 4096;
 
 /// The square root of 2 pi.
 const ROOT_TAU: f64 = 2.506_628_274_631_000_7;
 
-/// Neighbours that are asked.
+/// Neighbours of a point.
 const COUNT: usize = 8;
 
 /// The nearest points of each point.
 #[derive(Debug)]
-pub(super) struct Neighbours {
+pub(super) struct NearestPoints {
     /// Their distances and indices.
     nearest: Vec<Vec<(f64, usize)>>,
-    /// Closer neighbours count as so far away.
+    /// The least distance of neighbours: closer ones count as this far away.
     closest: f64,
 }
 
-impl Neighbours {
-    pub(super) fn new(points: &Evidence) -> Self {
+impl NearestPoints {
+    pub(super) fn new(points: &TestedPoints) -> Self {
         /// Of the median distance.
         const CLOSEST: f64 = 0.1;
         let Some(places) = &points.places else {
@@ -580,7 +608,7 @@ impl Neighbours {
                 closest: 0.0,
             };
         };
-        let cells = Cells::new(places);
+        let cells = NeighbourGrid::new(places);
         let nearest = |found: &mut Vec<(f64, usize)>, (i, place): (usize, &[f64; 2])| {
             cells.find(*place, COUNT + 1, found);
             let others = found.iter().filter(|(_, j)| *j != i).take(COUNT);
@@ -599,39 +627,45 @@ impl Neighbours {
     }
 
     /// Each value minus the median of its neighbours'.
-    pub(super) fn off(&self, values: &[f64]) -> Vec<f64> {
+    pub(super) fn differences(&self, values: &[f64]) -> Vec<f64> {
         let pairs = self.nearest.par_iter().zip(values);
         pairs
             .map(|(near, value)| value - median(near.iter().map(|&(_, j)| values[j])))
             .collect()
     }
 
-    /// Multiplies spreads by how much farther off the neighbours are than the average of points.
-    fn roughen(&self, spreads: &mut [f64], errors: &[f64], right: &[f64], scale: f64) {
+    /// Multiplies spreads by how much larger the errors of the neighbours are than those of all points.
+    fn scale_by_roughness(
+        &self,
+        spreads: &mut [f64],
+        errors: &[f64],
+        p_inlier: &[f64],
+        scale: f64,
+    ) {
         let squares = squares(errors, spreads, scale);
         let pairs = spreads.par_iter_mut().zip(&self.nearest);
-        pairs.for_each(|(spread, near)| *spread *= roughness(near, &squares, right));
+        pairs.for_each(|(spread, near)| *spread *= roughness(near, &squares, p_inlier));
     }
 
-    /// How much more likely each point is to agree with its neighbours as it does if it lies with them on one
-    /// surface than if it is wrong by an error of this size.
-    fn agreement(&self, values: &[f64], right: &[f64], size: f64) -> Vec<f64> {
-        let steepest = self.steepest(values, right);
+    /// The likelihood ratio of each point's agreement with its neighbours if it lies with them on one surface, over an
+    /// outlier with an error of this scale.
+    fn agreement(&self, values: &[f64], p_inlier: &[f64], outlier_scale: f64) -> Vec<f64> {
+        let steepest = self.steepest(values, p_inlier);
         let ratio = |(near, value): (&Vec<(f64, usize)>, &f64)| {
             let slope = |(distance, j): (f64, usize)| (value - values[j]).abs() / distance;
-            agreement(near, slope, steepest, size)
+            agreement(near, slope, steepest, outlier_scale)
         };
         self.nearest.par_iter().zip(values).map(ratio).collect()
     }
 
     /// The steepest slope between neighbours that agree.
-    fn steepest(&self, values: &[f64], right: &[f64]) -> f64 {
+    fn steepest(&self, values: &[f64], p_inlier: &[f64]) -> f64 {
         /// Of the median slope.
         const STEEPEST: f64 = 1.5;
         let pairs = self.nearest.iter().enumerate().flat_map(|(i, near)| {
             let pair = move |&(distance, j): &(f64, usize)| {
                 let slope = (values[i] - values[j]).abs() / distance;
-                (slope, right[i] * right[j])
+                (slope, p_inlier[i] * p_inlier[j])
             };
             near.iter().map(pair)
         });
@@ -641,7 +675,7 @@ impl Neighbours {
 
 /// The squared errors in units of their spreads times a scale.
 fn squares(errors: &[f64], spreads: &[f64], scale: f64) -> Vec<f64> {
-    /// Those beyond this are those of points that only seem to be right.
+    /// Larger squares are those of points that only seem to be inliers.
     const MOST: f64 = 64.0;
     let pairs = errors.par_iter().zip(spreads);
     pairs
@@ -649,33 +683,32 @@ fn squares(errors: &[f64], spreads: &[f64], scale: f64) -> Vec<f64> {
         .collect()
 }
 
-/// How much farther off some neighbours are than the average of points.
-fn roughness(near: &[(f64, usize)], squares: &[f64], right: &[f64]) -> f64 {
-    /// The neighbours that an average counts as.
-    const TRUST: f64 = 3.0;
-    /// Less than a square root, which would be that of the variance of the neighbours: their errors have heavy
-    /// tails.
+/// How much larger the errors of some neighbours are than those of all points.
+fn roughness(near: &[(f64, usize)], squares: &[f64], p_inlier: &[f64]) -> f64 {
+    /// The number of neighbours that the average of all points is worth.
+    const PRIOR: f64 = 3.0;
+    /// Less than a square root, which would give standard deviations: the errors have heavy tails.
     const POWER: f64 = 0.3;
-    let (mut sum, mut count) = (TRUST, TRUST);
+    let (mut sum, mut count) = (PRIOR, PRIOR);
     for &(_, j) in near {
-        sum += right[j] * squares[j];
-        count += right[j];
+        sum += p_inlier[j] * squares[j];
+        count += p_inlier[j];
     }
     (sum / count).powf(POWER)
 }
 
-/// How much more likely it is that so many neighbours agree with a point if it lies with them on one surface than if it
-/// is wrong by an error of this size. They agree if the slope to them is no steeper than is usual among right
-/// neighbours. A point that agrees with none lies alone.
+/// The likelihood ratio of the number of neighbours that agree with a point if it lies with them on one surface, over an
+/// outlier with an error of this scale. They agree if the slope to them is no steeper than is usual among neighbours that
+/// are inliers. A point that agrees with none lies alone.
 fn agreement(
     near: &[(f64, usize)],
     slope: impl Fn((f64, usize)) -> f64,
     steepest: f64,
-    size: f64,
+    outlier_scale: f64,
 ) -> f64 {
     /// The probability that a neighbour lies on the same surface.
     const SAME: f64 = 0.4;
-    /// The least probability that a wrong point agrees by chance.
+    /// The least probability that an outlier agrees by chance.
     const CHANCE: f64 = 0.02;
     let agreeing = near.iter().filter(|near| slope(**near) <= steepest);
     let agreeing = agreeing.count();
@@ -683,7 +716,7 @@ fn agreement(
         return 0.0;
     }
     let reach = near.iter().map(|near| near.0).sum::<f64>() / near.len() as f64;
-    let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * size)).clamp(CHANCE, SAME);
+    let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * outlier_scale)).clamp(CHANCE, SAME);
     let others = (1.0 - SAME) / (1.0 - chance);
     (SAME / chance).powi(agreeing as i32) * others.powi((near.len() - agreeing) as i32)
 }

@@ -9,11 +9,11 @@ mod reweighted;
 mod tests;
 
 pub use mixture::InlierPosterior;
-pub(super) use outlier_test::judge;
+pub(super) use outlier_test::inlier_posteriors;
 
 use super::estimate::Estimate;
 use super::estimator::Estimator;
-use super::points::Rows;
+use super::points::FitRows;
 use crate::error::{Result, SettingsError};
 use serde::{Deserialize, Serialize};
 
@@ -134,7 +134,7 @@ impl Robust {
 /// # Errors
 /// A decomposition that does not converge.
 pub(super) fn robust(
-    rows: &Rows<'_>,
+    rows: &FitRows<'_>,
     estimator: Estimator<'_>,
     mut plain: Estimate,
     settings: Robust,
@@ -148,8 +148,10 @@ pub(super) fn robust(
     }
     // Its field has the memory that the next ones take.
     plain.field = None;
-    let data = estimator.data();
-    let judged = judge(rows, estimator.roughly(), &plain)?.into_iter();
-    let weights: Vec<f64> = judged.map(|found| found.precision / data).collect();
+    let observation_precision = estimator.observation_precision();
+    let posteriors = inlier_posteriors(rows, estimator.roughly(), &plain)?.into_iter();
+    let weights: Vec<f64> = posteriors
+        .map(|found| found.precision / observation_precision)
+        .collect();
     Ok((estimator.solve(rows, &weights)?, weights))
 }

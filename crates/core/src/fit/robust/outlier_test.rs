@@ -1,8 +1,9 @@
-//! Points judged by one another, whatever is fitted to them.
+//! The outlier test: points predicted from each other by any estimator.
 
-use super::local::Local;
+use super::local::LocalKriging;
 use super::mixture::{
-    Evidence, InlierPosterior, Neighbours, judge as judge_all, judge_twice, judge_with,
+    InlierPosterior, NearestPoints, TestedPoints, test_outliers, test_outliers_in_two_stages,
+    test_outliers_with,
 };
 use super::refit::Refit;
 use super::reweighted::reweighted;
@@ -14,26 +15,26 @@ use crate::fit::estimate::Estimate;
 use crate::fit::estimator::Estimator;
 use crate::fit::joint::FieldEstimator;
 use crate::fit::medians::deviation;
-use crate::fit::points::Rows;
+use crate::fit::points::{FitRows, lexicographic};
 use rayon::prelude::*;
 
-/// More points than this are judged by the field alone.
+/// More points than this are predicted by the field alone.
 const CLOSE: usize = 10_000;
 
-/// Of so many points, and so many for each pixel of the field, some judge all by a field of blocks of pixels. With fewer
-/// for each pixel, what is wrong next to an edge would matter more.
+/// From this number of points, and of points for each pixel of the field, a sample predicts all by a field of blocks of
+/// pixels. With fewer for each pixel, errors next to edges would matter more.
 const DENSE: usize = 30_000;
 const EACH: usize = 3;
-/// The points that judge, and the blocks.
-const JUDGES: usize = 20_000;
+/// The points of the sample, and the blocks.
+const SAMPLE: usize = 20_000;
 const BLOCKS: usize = 5000;
 
-/// Judges each point by the others. `plain` is the fit to all of them.
+/// Tests each point by the others. `plain` is the fit to all of them.
 ///
 /// # Errors
 /// Equations that cannot be solved.
-pub(in crate::fit) fn judge(
-    rows: &Rows<'_>,
+pub(in crate::fit) fn inlier_posteriors(
+    rows: &FitRows<'_>,
     estimator: Estimator<'_>,
     plain: &Estimate,
 ) -> Result<Vec<InlierPosterior>> {
@@ -48,110 +49,107 @@ pub(in crate::fit) fn judge(
         }),
         Estimator::Plain(_) | Estimator::Shrunk(..) => {
             let all: Vec<usize> = (0..rows.values.len()).collect();
-            let points = evidence(rows, &all, 1.0);
+            let points = tested_points(rows, &all, 1.0);
             if all.len() <= plain.solution.rank {
-                // A fit through every point: none says anything of another.
+                // A fit through every point predicts none from the others.
                 return Ok(InlierPosterior::unknown(&points.noise));
             }
-            // A fit of few functions to all points cannot tell right ones from wrong ones.
+            // A fit of few functions to all points does not separate inliers and outliers.
             let cauchy = Robust::new(Loss::Cauchy);
             let (_, weights) = reweighted(rows, estimator, plain.clone(), cauchy)?;
             let start: Vec<f64> = weights.iter().map(|weight| weight.recip()).collect();
-            Ok(judge_all(&points, &start, &Refit::new(rows, estimator))?.judgements())
+            Ok(test_outliers(&points, &start, &Refit::new(rows, estimator))?.posteriors())
         }
     }
 }
 
-fn is_dense(rows: &Rows<'_>, field: FieldEstimator<'_>) -> bool {
-    let (height, width) = field.scene.affinities.size();
+fn is_dense(rows: &FitRows<'_>, field: FieldEstimator<'_>) -> bool {
+    let (height, width) = field.geometry.affinities.size();
     rows.values.len() >= DENSE.max(EACH * height * width)
 }
 
-/// Judges points in an order that does not depend on the one in which they are given.
+/// Tests points in an order that does not depend on the one in which they are given.
 fn in_order(
-    rows: &Rows<'_>,
-    judge: impl Fn(&[usize]) -> Result<Vec<InlierPosterior>>,
+    rows: &FitRows<'_>,
+    posteriors: impl Fn(&[usize]) -> Result<Vec<InlierPosterior>>,
 ) -> Result<Vec<InlierPosterior>> {
     let mut order: Vec<usize> = (0..rows.values.len()).collect();
     sort(rows, &mut order);
-    let mut judged: Vec<_> = order.iter().copied().zip(judge(&order)?).collect();
-    judged.par_sort_by_key(|(i, _)| *i);
-    Ok(judged.into_iter().map(|(_, judgement)| judgement).collect())
+    let mut found: Vec<_> = order.iter().copied().zip(posteriors(&order)?).collect();
+    found.par_sort_by_key(|(i, _)| *i);
+    Ok(found.into_iter().map(|(_, posterior)| posterior).collect())
 }
 
-/// Sorts points by what they are.
-fn sort(rows: &Rows<'_>, points: &mut [usize]) {
-    points.par_sort_by(|&a, &b| {
-        let keys = key(rows, a).into_iter().zip(key(rows, b));
-        let unlike = keys.map(|(a, b)| a.total_cmp(&b)).find(|o| o.is_ne());
-        unlike.unwrap_or(a.cmp(&b))
-    });
+/// Sorts points by their position, value and weight.
+fn sort(rows: &FitRows<'_>, points: &mut [usize]) {
+    points.par_sort_by(|&a, &b| lexicographic(key(rows, a), key(rows, b)).then(a.cmp(&b)));
 }
 
-/// What a point is.
-fn key(rows: &Rows<'_>, i: usize) -> [f64; 4] {
+/// The sort key of a point.
+fn key(rows: &FitRows<'_>, i: usize) -> [f64; 4] {
     let [u, v] = rows.places.map_or([0.0; 2], |places| places[i]);
     [v, u, rows.values[i], rows.weights[i]]
 }
 
-/// The field alone predicts each of very many points from those next to it; what basis functions say, they say of
-/// all. That of blocks of pixels, which costs little, finds most of the wrong ones first.
+/// With very many points, the field alone predicts each from those next to it: the basis functions are the same for all.
+/// The field of blocks of pixels, which costs little, finds most outliers first.
 fn close(
-    rows: &Rows<'_>,
+    rows: &FitRows<'_>,
     order: &[usize],
     field: FieldEstimator<'_>,
     plain: &Estimate,
 ) -> Result<Vec<InlierPosterior>> {
-    let rests = rows.residuals(&plain.solution.weights);
-    let points = evidence(rows, order, field.joint.data);
+    let residuals = rows.residuals(&plain.solution.weights);
+    let points = tested_points(rows, order, field.joint.observation_precision);
     let zeros = vec![0.0; order.len()];
-    let rows = rows.alone(order, places(&points), &rests, &zeros);
+    let rows = rows.with_values(order, places(&points), &residuals, &zeros);
     let field = field.without_functions();
-    let fine = field.scene.affinities;
+    let fine = field.geometry.affinities;
     let blocks = Blocks::new(fine.size(), BLOCKS);
-    let coarse = fine.in_blocks(blocks);
+    let coarse = fine.for_blocks(blocks);
     let refit = |field| Refit::new(&rows, Estimator::Field(field));
     let rough = refit(field.on(&coarse, blocks.area()));
-    let (neighbours, start) = start(&points, &rows.values);
-    let judged = judge_twice(&points, neighbours, &start, &rough, &refit(field))?;
-    Ok(judged.judgements())
+    let (neighbours, start) = neighbours_and_noise(&points, &rows.values);
+    let test = test_outliers_in_two_stages(&points, neighbours, &start, &rough, &refit(field))?;
+    Ok(test.posteriors())
 }
 
-/// Where points are dense, some of them judge one another by a field of blocks of pixels, and then all others.
+/// Where points are dense, a sample is tested by a field of blocks of pixels, which then predicts all others.
 fn dense(
-    rows: &Rows<'_>,
+    rows: &FitRows<'_>,
     field: FieldEstimator<'_>,
     plain: &Estimate,
 ) -> Result<Vec<InlierPosterior>> {
-    let rests = rows.residuals(&plain.solution.weights);
-    let (mut judges, others) = judges(rows);
-    sort(rows, &mut judges);
-    let points = evidence(rows, &judges, field.joint.data);
-    let zeros = vec![0.0; judges.len()];
-    let own = rows.alone(&judges, places(&points), &rests, &zeros);
-    let fine = field.scene.affinities;
+    let residuals = rows.residuals(&plain.solution.weights);
+    let (mut sampled, others) = sample(rows);
+    sort(rows, &mut sampled);
+    let points = tested_points(rows, &sampled, field.joint.observation_precision);
+    let zeros = vec![0.0; sampled.len()];
+    let own = rows.with_values(&sampled, places(&points), &residuals, &zeros);
+    let fine = field.geometry.affinities;
     let blocks = Blocks::new(fine.size(), BLOCKS);
-    let coarse = fine.in_blocks(blocks);
+    let coarse = fine.for_blocks(blocks);
     let field = field.without_functions().on(&coarse, blocks.area());
     let refit = Refit::new(&own, Estimator::Field(field));
-    let (neighbours, start) = start(&points, &own.values);
-    let judged = judge_with(&points, neighbours, &start, &refit)?;
+    let (neighbours, start) = neighbours_and_noise(&points, &own.values);
+    let test = test_outliers_with(&points, neighbours, &start, &refit)?;
 
-    let points = evidence(rows, &others, field.joint.data);
-    let read = |(&place, &i): (&[f64; 2], &usize)| (field.scene.taps(place), rests[i]);
+    let points = tested_points(rows, &others, field.joint.observation_precision);
+    let read =
+        |(&place, &i): (&[f64; 2], &usize)| (field.geometry.interpolation(place), residuals[i]);
     let pairs = places(&points).par_iter().zip(&others).map(read);
-    let found = refit.others(judged.noise(), pairs)?;
+    let found = refit.others(test.noise(), pairs)?;
     let mut all = InlierPosterior::unknown(&rows.weights);
-    let both = judges.into_iter().zip(judged.judgements());
-    for (i, judgement) in both.chain(others.into_iter().zip(judged.others(&points, &found))) {
-        all[i] = judgement;
+    let both = sampled.into_iter().zip(test.posteriors());
+    for (i, posterior) in both.chain(others.into_iter().zip(test.others(&points, &found))) {
+        all[i] = posterior;
     }
     Ok(all)
 }
 
-/// Some points, and the others: a random choice, which depends neither on the order in which they are given nor on the
+/// A random sample of the points, and the others, which depends neither on the order in which they are given nor on the
 /// unit of their values.
-fn judges(rows: &Rows<'_>) -> (Vec<usize>, Vec<usize>) {
+fn sample(rows: &FitRows<'_>) -> (Vec<usize>, Vec<usize>) {
     let mark = |i: usize| {
         let place = rows.places.map_or([0.0; 2], |places| places[i]);
         let place = lsdc_rng::hash(&place.map(f64::to_le_bytes));
@@ -159,48 +157,47 @@ fn judges(rows: &Rows<'_>) -> (Vec<usize>, Vec<usize>) {
         (place, rows.values[i].to_bits(), i)
     };
     let mut marks: Vec<_> = (0..rows.values.len()).into_par_iter().map(mark).collect();
-    marks.select_nth_unstable(JUDGES);
-    let mut judges: Vec<usize> = marks.into_iter().map(|(.., i)| i).collect();
-    let mut others = judges.split_off(JUDGES);
+    marks.select_nth_unstable(SAMPLE);
+    let mut sampled: Vec<usize> = marks.into_iter().map(|(.., i)| i).collect();
+    let mut others = sampled.split_off(SAMPLE);
     others.par_sort_unstable();
-    (judges, others)
+    (sampled, others)
 }
 
-fn places(points: &Evidence) -> &[[f64; 2]] {
+fn places(points: &TestedPoints) -> &[[f64; 2]] {
     points.places.as_deref().unwrap_or_default()
 }
 
-/// The neighbours of points, and the variances of noise with which points predict others first, from what basis
-/// functions leave of them.
-fn start(points: &Evidence, rests: &[f64]) -> (Neighbours, Vec<f64>) {
+/// The neighbours of points, and the variances of noise of the first predictions, from the residuals of basis functions.
+fn neighbours_and_noise(points: &TestedPoints, residuals: &[f64]) -> (NearestPoints, Vec<f64>) {
     /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
     const ROUNDING: f64 = 1e-3;
-    // A mean of many cannot tell the right ones from the wrong ones, a median can.
-    let neighbours = Neighbours::new(points);
-    let off = neighbours.off(rests);
-    let scale = deviation(&off).max(ROUNDING * points.unit);
-    let pairs = points.noise.iter().zip(&off);
-    let start = pairs.map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)));
+    // Outliers bias a mean of neighbours, not a median.
+    let neighbours = NearestPoints::new(points);
+    let differences = neighbours.differences(residuals);
+    let scale = deviation(&differences).max(ROUNDING * points.unit);
+    let pairs = points.noise.iter().zip(&differences);
+    let start = pairs.map(|(noise, difference)| noise * (1.0 + (difference / scale).powi(2)));
     (neighbours, start.collect())
 }
 
-/// Points are predicted by the nearest of those in their block, which is as large as covariances are cheap for.
+/// Points are predicted by the nearest of those in their block, which is as large as the cost of covariances allows.
 fn by_covariances(
-    rows: &Rows<'_>,
+    rows: &FitRows<'_>,
     order: &[usize],
     field: FieldEstimator<'_>,
     lambda: Option<f64>,
 ) -> Result<Vec<InlierPosterior>> {
-    let points = evidence(rows, order, field.joint.data);
-    let places = points.places.as_deref().unwrap_or_default();
+    let points = tested_points(rows, order, field.joint.observation_precision);
+    let places = places(&points);
     let mut blocks = Vec::new();
     split((0..places.len()).collect(), places, &mut blocks);
     let covariance = |block: &[usize]| {
         let block: Vec<usize> = block.iter().map(|&i| order[i]).collect();
         field.covariance(rows, &block, lambda)
     };
-    let local = Local::new(&points.values, places, &blocks, covariance)?;
-    Ok(judge_all(&points, &points.noise, &local)?.judgements())
+    let local = LocalKriging::new(&points.values, places, &blocks, covariance)?;
+    Ok(test_outliers(&points, &points.noise, &local)?.posteriors())
 }
 
 /// Halves points across their longer side until there are few enough.
@@ -220,13 +217,13 @@ fn split(mut points: Vec<usize>, places: &[[f64; 2]], blocks: &mut Vec<Vec<usize
     split(rest, places, blocks);
 }
 
-/// Points whose noise has a variance of `1 / (data x weight)`.
-fn evidence(rows: &Rows<'_>, which: &[usize], data: f64) -> Evidence {
-    Evidence {
+/// Points whose noise has a variance of `1 / (observation_precision x weight)`.
+fn tested_points(rows: &FitRows<'_>, which: &[usize], observation_precision: f64) -> TestedPoints {
+    TestedPoints {
         values: which.iter().map(|&i| rows.values[i]).collect(),
         noise: which
             .iter()
-            .map(|&i| (data * rows.weights[i]).recip())
+            .map(|&i| (observation_precision * rows.weights[i]).recip())
             .collect(),
         places: rows
             .places

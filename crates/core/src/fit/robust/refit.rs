@@ -6,24 +6,27 @@ use crate::error::Result;
 use crate::fit::estimate::Estimate;
 use crate::fit::estimator::Estimator;
 use crate::fit::leave_one_out::{least_freedom, leave_one_out};
-use crate::fit::points::Rows;
+use crate::fit::points::FitRows;
 use rayon::prelude::*;
 
 /// A fit to all points, in closed form without each of them.
 pub(super) struct Refit<'a> {
-    pub(super) rows: &'a Rows<'a>,
+    pub(super) rows: &'a FitRows<'a>,
     estimator: Estimator<'a>,
 }
 
 impl<'a> Refit<'a> {
-    pub(super) fn new(rows: &'a Rows<'a>, estimator: Estimator<'a>) -> Self {
+    pub(super) fn new(rows: &'a FitRows<'a>, estimator: Estimator<'a>) -> Self {
         Self { rows, estimator }
     }
 
     /// The fit to points with noise of such variances, and their weights.
     fn fit(&self, noise: &[f64]) -> Result<(Estimate, Vec<f64>)> {
-        let data = self.estimator.data();
-        let weights: Vec<f64> = noise.iter().map(|v| (data * v).recip()).collect();
+        let observation_precision = self.estimator.observation_precision();
+        let weights: Vec<f64> = noise
+            .iter()
+            .map(|v| (observation_precision * v).recip())
+            .collect();
         Ok((self.estimator.solve(self.rows, &weights)?, weights))
     }
 
@@ -36,8 +39,8 @@ impl<'a> Refit<'a> {
     ) -> Result<Predictions> {
         let (estimate, _) = self.fit(noise)?;
         let field = estimate.field.as_deref();
-        let found = others.map(|(taps, value)| {
-            let (mean, variance) = field.map_or((0.0, 0.0), |field| field.at(&taps));
+        let found = others.map(|(interpolation, value)| {
+            let (mean, variance) = field.map_or((0.0, 0.0), |field| field.at(&interpolation));
             (value - mean, variance)
         });
         let (errors, variances) = found.unzip();
@@ -56,7 +59,7 @@ impl Predict for Refit<'_> {
             variances: pairs
                 .map(|(h, noise)| h * noise / (1.0 - h).max(least))
                 .collect(),
-            errors: leave_one_out(&estimate.rests, &leverages, field),
+            errors: leave_one_out(&estimate.residuals, &leverages, field),
         })
     }
 }

@@ -7,8 +7,8 @@ use crate::fit::estimate::Estimate;
 use crate::fit::estimator::Estimator;
 use crate::fit::leave_one_out::leave_one_out;
 use crate::fit::medians::{deviation, weighted_median};
-use crate::fit::points::Rows;
-use crate::nearest::Cells;
+use crate::fit::points::FitRows;
+use crate::nearest::NeighbourGrid;
 
 impl Loss {
     /// The weight at a residual of `u` scales.
@@ -53,7 +53,7 @@ impl Loss {
 /// # Errors
 /// A decomposition that does not converge.
 pub(super) fn reweighted(
-    rows: &Rows<'_>,
+    rows: &FitRows<'_>,
     estimator: Estimator<'_>,
     plain: Estimate,
     settings: Robust,
@@ -79,7 +79,7 @@ pub(super) fn reweighted(
     let mut widening = f64::INFINITY;
     let mut odds = vec![0.0; own.len()];
     for _ in 0..settings.iterations {
-        let mut found = estimate.rests.clone();
+        let mut found = estimate.residuals.clone();
         let scale = if loss == Loss::Irls {
             settings.threshold * rows.unit()
         } else {
@@ -113,7 +113,7 @@ pub(super) fn reweighted(
             .collect();
         let next = estimator.solve(rows, &weights)?;
         let largest = rows.values.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-        let pairs = estimate.rests.iter().zip(&next.rests);
+        let pairs = estimate.residuals.iter().zip(&next.residuals);
         let change = pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
         estimate = next;
         if widening == 1.0 && change <= settings.tolerance * largest {
@@ -149,7 +149,7 @@ struct Neighbourhood(Vec<Vec<(f64, usize)>>);
 
 impl Neighbourhood {
     fn new(places: &[[f64; 2]], count: usize) -> Self {
-        let cells = Cells::new(places);
+        let cells = NeighbourGrid::new(places);
         let nearest = |(i, place): (usize, &[f64; 2])| -> Vec<(f64, usize)> {
             let found = cells.nearest(*place, count + 1).into_iter();
             found
@@ -182,7 +182,7 @@ impl Neighbourhood {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::{FitConfig, Points, Space, fit};
+    use crate::fit::{FitConfig, FitPoints, Space, fit};
     use lsdc_rng::Rng;
 
     fn fitted(bases: &[f32], depths: &[f32], robust: Option<Robust>) -> (Vec<f64>, Vec<f64>) {
@@ -191,7 +191,7 @@ mod tests {
             robust,
             ..FitConfig::default()
         };
-        let fit = fit(&Points::new(bases, depths), &config, None).unwrap();
+        let fit = fit(&FitPoints::new(bases, depths), &config, None).unwrap();
         (fit.weights, fit.point_weights)
     }
 
@@ -289,7 +289,7 @@ mod tests {
                 robust: Some(Robust::default()),
                 ..FitConfig::default()
             };
-            fit(&Points::new(&bases, &depths), &config, None)
+            fit(&FitPoints::new(&bases, &depths), &config, None)
                 .unwrap()
                 .point_weights
         };

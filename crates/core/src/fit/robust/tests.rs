@@ -1,10 +1,10 @@
-//! Points judged by one another, against what is known of them.
+//! The outlier test, against points whose errors are known.
 
-use super::mixture::{Evidence, Predict, Predictions, judge, rounds_after_rough};
+use super::mixture::{Predict, Predictions, TestedPoints, rounds_after_rough, test_outliers};
 use crate::error::Result;
 use crate::fit::{
-    Affinities, Bases, CosineBasis, FitConfig, FitMethod, JointConfig, Lambda, Loss, NoisePrior,
-    Points, Prior, PriorKind, Robust, Scene, fit, judge as judge_points,
+    Affinities, BasisValues, CosineBasis, FieldGeometry, FitConfig, FitMethod, FitPoints,
+    JointConfig, Lambda, Loss, NoisePrior, Prior, PriorKind, Robust, fit, inlier_posteriors,
 };
 use lsdc_rng::Rng;
 
@@ -38,14 +38,14 @@ fn errors() -> (Vec<f64>, Vec<f64>) {
 #[test]
 fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
     let (errors, deviations) = errors();
-    let points = Evidence {
+    let points = TestedPoints {
         values: errors.iter().map(|e| 5.0 + e).collect(),
         noise: vec![1e-6; COUNT],
         places: None,
         unit: 5.0,
         proportional: false,
     };
-    let found = judge(
+    let found = test_outliers(
         &points,
         &points.noise,
         &Known(Predictions {
@@ -54,7 +54,7 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
         }),
     )
     .unwrap()
-    .judgements();
+    .posteriors();
     // Bayes' rule with the densities that the errors were drawn from.
     let mut worst: f64 = 0.0;
     let mut off = 0.0;
@@ -64,8 +64,8 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
         let right = 0.9 * 4.0 / (3.0_f64.sqrt() * tau * (1.0 + z * z / 3.0).powi(2)) / deviation;
         let wrong = 0.1 * (-0.5 * (error / 0.8).powi(2)).exp() / (0.8 * tau.sqrt());
         let expected = right / (right + wrong);
-        worst = worst.max((found.right - expected).abs());
-        off += (found.right - expected).abs() / COUNT as f64;
+        worst = worst.max((found.p_inlier - expected).abs());
+        off += (found.p_inlier - expected).abs() / COUNT as f64;
     }
     // What is assumed of errors is estimated from them.
     assert!(off < 0.02, "{off}");
@@ -92,7 +92,7 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
             }
         })
         .collect();
-    let points = Evidence {
+    let points = TestedPoints {
         values: errors.iter().map(|e| 3.0 + e).collect(),
         noise: vec![1e-6; 400],
         places: Some(places),
@@ -105,18 +105,18 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
             variances: vec![variance; 400],
         })
     };
-    let found = judge(&points, &points.noise, &known(1e-4))
+    let found = test_outliers(&points, &points.noise, &known(1e-4))
         .unwrap()
-        .judgements();
+        .posteriors();
     let trust = |which: &dyn Fn(usize) -> bool| {
-        let some = (0..400).filter(|&i| which(i)).map(|i| found[i].right);
+        let some = (0..400).filter(|&i| which(i)).map(|i| found[i].p_inlier);
         some.clone().sum::<f64>() / some.count() as f64
     };
     assert!(trust(&on_box) > 0.5, "{}", trust(&on_box));
     assert!(trust(&|i| wrong(i) && errors[i].abs() > 0.1) < 0.1);
     assert!(trust(&|i| !wrong(i) && !on_box(i)) > 0.95);
     // Where they are, and what the unit is, does not matter.
-    let far = Evidence {
+    let far = TestedPoints {
         values: points.values.iter().map(|v| 8.0 * v).collect(),
         unit: 24.0,
         ..points.clone()
@@ -125,11 +125,12 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
         errors: errors.iter().map(|e| 8.0 * e).collect(),
         variances: vec![1e-4; 400],
     });
-    for (one, other) in found
-        .iter()
-        .zip(judge(&far, &far.noise, &scaled).unwrap().judgements())
-    {
-        assert!((one.right - other.right).abs() < 1e-9);
+    for (one, other) in found.iter().zip(
+        test_outliers(&far, &far.noise, &scaled)
+            .unwrap()
+            .posteriors(),
+    ) {
+        assert!((one.p_inlier - other.p_inlier).abs() < 1e-9);
         assert!((8.0 * one.error - other.error).abs() < 1e-9);
     }
 }
@@ -185,25 +186,30 @@ impl Slope {
         });
         Self {
             affinities: Affinities::new((HEIGHT, WIDTH), &strengths).unwrap(),
-            bases: CosineBasis::up_to(1.0).beside(&vec![1.0; count], 1, (HEIGHT, WIDTH), &places),
+            bases: CosineBasis::up_to(1.0).append_to(
+                &vec![1.0; count],
+                1,
+                (HEIGHT, WIDTH),
+                &places,
+            ),
             depths: depths.collect(),
             clean,
             places,
         }
     }
 
-    fn points(&self) -> Points<'_> {
-        Points {
-            bases: Bases::Rows(&self.bases),
+    fn points(&self) -> FitPoints<'_> {
+        FitPoints {
+            bases: BasisValues::AtPoints(&self.bases),
             guides: 0,
             depths: &self.depths,
             deviations: None,
             places: Some(&self.places),
-            scene: Some(Scene {
+            geometry: Some(FieldGeometry {
                 affinities: &self.affinities,
                 size: (HEIGHT, WIDTH),
                 upsampling: None,
-                once: false,
+                transient: false,
             }),
         }
     }
@@ -231,7 +237,7 @@ fn prior() -> Prior {
     let noise = NoisePrior {
         mean: 0.0,
         deviation: None,
-        trust: 0.0,
+        equivalent_points: 0.0,
     };
     Prior::new(&[1.0], &[0.1], noise).unwrap()
 }
@@ -240,9 +246,11 @@ fn prior() -> Prior {
 fn wrong_points_are_found_and_lose_their_influence() {
     for count in [150, 1200, 24_000, 40_000] {
         let slope = Slope::new(count, 0.2);
-        let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
+        let posteriors = inlier_posteriors(&slope.points(), &joint(None), Some(&prior())).unwrap();
         let wrong = (0..count).filter(|&i| slope.wrong(i)).count();
-        let called: Vec<usize> = (0..count).filter(|&i| judged[i].right < 0.5).collect();
+        let called: Vec<usize> = (0..count)
+            .filter(|&i| posteriors[i].p_inlier < 0.5)
+            .collect();
         let found = called.iter().filter(|&&i| slope.wrong(i)).count();
         assert!(found as f64 >= 0.95 * wrong as f64, "{found} of {wrong}");
         assert!(
@@ -254,9 +262,9 @@ fn wrong_points_are_found_and_lose_their_influence() {
         for &i in called.iter().filter(|&&i| slope.wrong(i)) {
             let expected = f64::from(slope.depths[i] - slope.clean[i]);
             assert!(
-                (judged[i].error - expected).abs() < 0.3,
+                (posteriors[i].error - expected).abs() < 0.3,
                 "{} {expected}",
-                judged[i].error
+                posteriors[i].error
             );
         }
         let error = |loss: Option<Loss>| {
@@ -288,8 +296,8 @@ fn a_single_wrong_point_is_found_however_far_off_it_is() {
     for off in [0.5, 1.5, 10.0, 1e4] {
         let mut slope = Slope::new(150, 0.0);
         slope.depths[40] += off;
-        let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
-        let called: Vec<usize> = (0..150).filter(|&i| judged[i].right < 0.5).collect();
+        let posteriors = inlier_posteriors(&slope.points(), &joint(None), Some(&prior())).unwrap();
+        let called: Vec<usize> = (0..150).filter(|&i| posteriors[i].p_inlier < 0.5).collect();
         assert_eq!(called, [40], "{off}");
     }
 }
@@ -303,8 +311,8 @@ fn a_wrong_point_on_a_flat_wall_is_found() {
         let mut rng = Rng::stream(9, &["wall"]);
         slope.depths = (0..50).map(|_| 2.0 + noise * rng.normal()).collect();
         slope.depths[7] += off;
-        let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
-        let called: Vec<usize> = (0..50).filter(|&i| judged[i].right < 0.5).collect();
+        let posteriors = inlier_posteriors(&slope.points(), &joint(None), Some(&prior())).unwrap();
+        let called: Vec<usize> = (0..50).filter(|&i| posteriors[i].p_inlier < 0.5).collect();
         assert_eq!(called, [7], "{noise} {off}");
     }
 }
@@ -312,15 +320,15 @@ fn a_wrong_point_on_a_flat_wall_is_found() {
 #[test]
 fn right_points_are_trusted() {
     let slope = Slope::new(200, 0.0);
-    let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
-    let trust = judged.iter().map(|found| found.right).sum::<f64>() / 200.0;
+    let posteriors = inlier_posteriors(&slope.points(), &joint(None), Some(&prior())).unwrap();
+    let trust = posteriors.iter().map(|found| found.p_inlier).sum::<f64>() / 200.0;
     assert!(trust > 0.97, "{trust}");
-    assert!(judged.iter().all(|found| found.right > 0.5));
+    assert!(posteriors.iter().all(|found| found.p_inlier > 0.5));
 }
 
 #[test]
 fn neither_unit_nor_order_of_the_points_matters() {
-    // Few, and so many that only some judge.
+    // Few, and so many that a sample predicts the others.
     for count in [150, 33_000] {
         is_one_whatever_unit_and_order(count);
     }
@@ -376,7 +384,7 @@ fn a_line_without_a_field_forgets_wrong_points() {
         robust: Some(Robust::new(Loss::Auto)),
         ..FitConfig::default()
     };
-    let found = fit(&Points::new(&bases, &depths), &config, None).unwrap();
+    let found = fit(&FitPoints::new(&bases, &depths), &config, None).unwrap();
     for (found, expected) in found.weights.iter().zip([2.0, 3.0]) {
         assert!((found - expected).abs() < 0.01, "{found}");
     }

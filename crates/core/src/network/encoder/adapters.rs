@@ -1,22 +1,20 @@
-//! Changes of attention that were trained with a network, added to the weights of an encoder once: what they cost
-//! afterwards is nothing.
+//! Low-rank changes of attention that were trained with a network. They are added to the weights of an encoder once, so
+//! they do not slow it down.
 
 use super::Encoder;
 use crate::error::{Error, WeightsError};
 use crate::network::config::AdapterConfig;
 use crate::network::tensors::Tensors;
 use crate::tensor::Tensor;
-use lsdc_kernels::simd::Scratch;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// What the names of the tensors of adapters begin with.
 pub const ADAPTERS: &str = "adapters.";
 /// Why adapters do not belong to an encoder.
 pub const MORE_BLOCKS: &str = "it has adapters for more blocks than its encoder has";
 
-/// Two matrices whose product, divided by their rank, is added to one.
-struct Product<'a> {
+/// Two matrices whose product, divided by their rank, is added to a matrix.
+struct LowRankUpdate<'a> {
     /// `[width, rank]`
     down: &'a [f32],
     /// `[rank, width]`
@@ -24,7 +22,7 @@ struct Product<'a> {
     width: usize,
 }
 
-impl<'a> Product<'a> {
+impl<'a> LowRankUpdate<'a> {
     fn new(
         tensors: &Tensors<'a>,
         name: &str,
@@ -52,7 +50,7 @@ impl<'a> Product<'a> {
 }
 
 impl Encoder {
-    /// The encoder with the adapters among these tensors. What they do not change is shared with it.
+    /// The encoder with the adapters among these tensors. It shares the weights that they do not change.
     ///
     /// # Errors
     /// Adapters of more blocks than there are, and tensors that are missing or of the wrong shape.
@@ -64,7 +62,7 @@ impl Encoder {
         Ok(self.adapted(config, &Tensors::new(tensors, self.level))?)
     }
 
-    /// The same, which says what tensors it used.
+    /// The same from tensors that record which of them were used.
     pub(in crate::network) fn adapted(
         &self,
         AdapterConfig { blocks, rank }: AdapterConfig,
@@ -74,29 +72,20 @@ impl Encoder {
         let Some(first) = self.blocks.len().checked_sub(blocks) else {
             return Err(WeightsError::Unsupported(MORE_BLOCKS));
         };
-        let mut all = self.blocks.clone();
-        for (i, block) in all[first..].iter_mut().enumerate() {
-            let product = |part: &str| {
+        let mut adapted = self.clone();
+        for (i, block) in adapted.blocks[first..].iter_mut().enumerate() {
+            let update = |part: &str| {
                 let name = format!("blocks.{i}.{part}");
-                Product::new(tensors, &name, width, rank)
+                LowRankUpdate::new(tensors, &name, width, rank)
             };
-            let (queries, values) = (product("queries")?, product("values")?);
-            *block = Arc::new(block.plus(|row, column| match column / width {
+            let (queries, values) = (update("queries")?, update("values")?);
+            *block = block.plus(|row, column| match column / width {
                 0 => queries.at(row, column),
                 2 => values.at(row, column % width),
                 // Keys.
                 _ => 0.0,
-            }));
+            });
         }
-        Ok(Self {
-            config: self.config.clone(),
-            level: self.level,
-            patches: self.patches.clone(),
-            whole: self.whole.clone(),
-            positions: self.positions.clone(),
-            blocks: all,
-            last: self.last.clone(),
-            scratch: Scratch::new(),
-        })
+        Ok(adapted)
     }
 }

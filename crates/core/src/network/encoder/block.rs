@@ -8,29 +8,24 @@ use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Tokens that a task takes of so many: an even number of tasks of at most 84 tokens.
-pub(super) fn share(tokens: usize) -> usize {
+/// Tokens of one task, for an even number of tasks of at most 84 tokens.
+pub(super) fn tokens_per_task(tokens: usize) -> usize {
     const MOST: usize = 56;
     tokens.div_ceil(2 * tokens.div_ceil(2 * MOST).max(1)).max(1)
 }
 
-/// What blocks work with.
-#[derive(Clone, Copy)]
-pub(super) struct Workspace<'a> {
-    pub(super) level: Level,
-    pub(super) scratch: &'a Scratch,
-}
-
-#[derive(Debug)]
+/// Clones share the weights.
+#[derive(Clone, Debug)]
 pub(super) struct Block {
+    level: Level,
     width: usize,
     heads: usize,
     /// Gain and shift of the normalisation before attention, and before the perceptron.
     norms: [(Vec<f32>, Vec<f32>); 2],
-    /// To queries, keys and values.
-    queries: Packed,
-    /// From the answers of all heads; the scale of the layer is part of it, as of `second`.
-    mixed: Arc<Packed>,
+    queries_keys_values: Arc<Packed>,
+    /// The projection of the outputs of all heads, with the scale of the layer, as in `second`.
+    projection: Arc<Packed>,
+    /// The layers of the perceptron.
     first: Arc<Packed>,
     second: Arc<Packed>,
 }
@@ -57,16 +52,18 @@ impl Block {
             };
             let bias: Vec<f32> = bias.iter().zip(&scales).map(|(b, s)| b * s).collect();
             let at = |row: usize, column: usize| weights[column * depth + row] * scales[column];
-            Ok::<_, WeightsError>(Packed::new(tensors.level, (depth, columns), &bias, at))
+            let packed = Packed::new(tensors.level, (depth, columns), &bias, at);
+            Ok::<_, WeightsError>(Arc::new(packed))
         };
         Ok(Self {
+            level: tensors.level,
             width,
             heads: config.heads,
             norms: [norm("norm1")?, norm("norm2")?],
-            queries: linear("attn.qkv", (width, 3 * width), None)?,
-            mixed: Arc::new(linear("attn.proj", (width, width), Some("ls1.gamma"))?),
-            first: Arc::new(linear("mlp.fc1", (width, hidden), None)?),
-            second: Arc::new(linear("mlp.fc2", (hidden, width), Some("ls2.gamma"))?),
+            queries_keys_values: linear("attn.qkv", (width, 3 * width), None)?,
+            projection: linear("attn.proj", (width, width), Some("ls1.gamma"))?,
+            first: linear("mlp.fc1", (width, hidden), None)?,
+            second: linear("mlp.fc2", (hidden, width), Some("ls2.gamma"))?,
         })
     }
 
@@ -74,69 +71,60 @@ impl Block {
     /// All other weights are shared.
     pub(super) fn plus(&self, change: impl Fn(usize, usize) -> f32) -> Self {
         Self {
-            width: self.width,
-            heads: self.heads,
-            norms: self.norms.clone(),
-            queries: self.queries.plus(change),
-            mixed: self.mixed.clone(),
-            first: self.first.clone(),
-            second: self.second.clone(),
+            queries_keys_values: Arc::new(self.queries_keys_values.plus(change)),
+            ..self.clone()
         }
     }
 
-    /// What attention answers to the tokens, head by head; `rows` takes queries, keys and values.
+    /// Attention between the tokens, head by head; `rows` are for queries, keys and values.
     pub(super) fn attend(
         &self,
-        workspace: Workspace<'_>,
         tokens: &[f32],
         rows: &mut [f32],
-        answers: &mut [f32],
+        attended: &mut [f32],
+        scratch: &Scratch,
     ) {
         let width = self.width;
-        let part = share(tokens.len() / width) * width;
+        let part = tokens_per_task(tokens.len() / width) * width;
         let parts = rows.par_chunks_mut(3 * part);
         parts.zip(tokens.par_chunks(part)).for_each(|(rows, x)| {
-            workspace.scratch.with(x.len(), |y| {
-                self.normalise(workspace, 0, x, y);
-                self.queries.apply(y, Tail::default(), rows);
+            scratch.with(x.len(), |y| {
+                self.normalise(0, x, y);
+                self.queries_keys_values.apply(y, Tail::default(), rows);
             });
         });
         let heads = (self.heads, width / self.heads);
-        attention(workspace.level, rows, heads, workspace.scratch, answers);
+        attention(self.level, rows, heads, scratch, attended);
     }
 
-    /// Adds to the tokens what attention answered, then what the perceptron makes of them.
-    pub(super) fn transform(&self, workspace: Workspace<'_>, answers: &[f32], tokens: &mut [f32]) {
+    /// Adds to the tokens the projected attention, then the output of the perceptron.
+    pub(super) fn transform(&self, attended: &[f32], tokens: &mut [f32], scratch: &Scratch) {
         let width = self.width;
         let hidden = self.first.columns();
-        let part = share(tokens.len() / width) * width;
-        let parts = tokens.par_chunks_mut(part);
-        parts
-            .zip(answers.par_chunks(part))
-            .for_each(|(x, answers)| {
-                let count = x.len() / width;
-                workspace
-                    .scratch
-                    .with(count * (2 * width + hidden), |memory| {
-                        let (sum, memory) = memory.split_at_mut(count * width);
-                        let (y, inner) = memory.split_at_mut(count * width);
-                        self.mixed.apply(answers, added(x), sum);
-                        self.normalise(workspace, 1, sum, y);
-                        self.first.apply(y, Tail::default(), inner);
-                        gelu(workspace.level, inner);
-                        self.second.apply(inner, added(sum), x);
-                    });
+        let part = tokens_per_task(tokens.len() / width) * width;
+        let parts = tokens.par_chunks_mut(part).zip(attended.par_chunks(part));
+        parts.for_each(|(x, attended)| {
+            let count = x.len() / width;
+            scratch.with(count * (2 * width + hidden), |memory| {
+                let (sum, memory) = memory.split_at_mut(count * width);
+                let (y, inner) = memory.split_at_mut(count * width);
+                self.projection.apply(attended, plus(x), sum);
+                self.normalise(1, sum, y);
+                self.first.apply(y, Tail::default(), inner);
+                gelu(self.level, inner);
+                self.second.apply(inner, plus(sum), x);
             });
+        });
     }
 
-    fn normalise(&self, workspace: Workspace<'_>, which: usize, x: &[f32], output: &mut [f32]) {
+    fn normalise(&self, which: usize, x: &[f32], output: &mut [f32]) {
         let (gain, shift) = &self.norms[which];
-        layer_norm(workspace.level, x, (gain, shift), LAYER_EPSILON, output);
+        layer_norm(self.level, x, (gain, shift), LAYER_EPSILON, output);
     }
 }
 
-/// What is added to a product.
-fn added(skip: &[f32]) -> Tail<'_> {
+/// Adds rows to a product.
+fn plus(skip: &[f32]) -> Tail<'_> {
     Tail {
         skip: Some(skip),
         relu: false,

@@ -1,22 +1,26 @@
 //! A vision transformer (Dosovitskiy et al. 2021) as a pretrained encoder, in the form of `DINOv2` (Oquab et al. 2023)
 //! and of Depth Anything V2 (Yang et al. 2024), prepared for the CPU.
 //!
-//! An image is cut into patches; each becomes a token, beside one for the whole image. Every block adds attention to
+//! An image is cut into patches; each becomes a token, beside the class token. Every block adds attention to
 //! the tokens, then a multilayer perceptron. The tokens after some of the blocks, normalised, are the features.
 
 mod adapters;
 mod block;
 mod config;
-mod encoded;
+mod depth_head;
+#[cfg(test)]
+mod depth_head_tests;
+mod feature_map;
 mod position;
 
 use super::tensors::Tensors;
 use crate::error::{Error, FitError};
 use crate::tensor::Tensor;
 pub use adapters::{ADAPTERS, MORE_BLOCKS};
-use block::{Block, Workspace, share};
+use block::{Block, tokens_per_task};
 pub use config::{EncoderConfig, LAYER_EPSILON, PATCH};
-pub use encoded::{Encoded, in_patches};
+pub use depth_head::{DEPTH_HEAD, DepthHead};
+pub use feature_map::{FeatureMap, in_patches};
 use lsdc_kernels::attention::layer_norm;
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 pub use position::positions;
@@ -24,18 +28,19 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// An encoder, prepared for one instruction set.
-#[derive(Debug)]
+/// An encoder, prepared for one instruction set. Clones share weights and memory.
+#[derive(Clone, Debug)]
 pub struct Encoder {
     config: EncoderConfig,
     level: Level,
-    patches: Arc<Packed>,
-    whole: Vec<f32>,
-    /// `[side x side, width]`, and that of the token for the whole image before it.
+    patch_embedding: Arc<Packed>,
+    class_token: Vec<f32>,
+    /// `[side x side, width]`, and before it that of the class token.
     positions: Arc<[f32]>,
-    blocks: Vec<Arc<Block>>,
-    last: (Vec<f32>, Vec<f32>),
-    scratch: Scratch,
+    blocks: Vec<Block>,
+    /// Gain and shift of the last normalisation.
+    norm: (Vec<f32>, Vec<f32>),
+    scratch: Arc<Scratch>,
 }
 
 /// The features of an image: for each tap `[rows, columns, width]`.
@@ -64,24 +69,24 @@ impl Encoder {
         let (width, depth) = (config.width, 3 * PATCH * PATCH);
         let kernel = tensors.values("patch_embed.proj.weight", &[width, 3, PATCH, PATCH])?;
         let bias = tensors.values("patch_embed.proj.bias", &[width])?;
-        let blocks = (0..config.blocks).map(|i| Block::new(&config, i, &tensors).map(Arc::new));
+        let blocks = (0..config.blocks).map(|i| Block::new(&config, i, &tensors));
         let values = |name: &str| tensors.values(name, &[width]).map(<[f32]>::to_vec);
         let count = 1 + config.side * config.side;
         let encoder = Self {
             level,
-            patches: Arc::new(Packed::new(level, (depth, width), bias, |row, column| {
+            patch_embedding: Arc::new(Packed::new(level, (depth, width), bias, |row, column| {
                 // Rows are (y, x, channel), as images are stored.
                 let (pixel, channel) = (row / 3, row % 3);
                 kernel[(column * 3 + channel) * PATCH * PATCH + pixel]
             })),
-            whole: tensors.values("cls_token", &[1, 1, width])?.to_vec(),
+            class_token: tensors.values("cls_token", &[1, 1, width])?.to_vec(),
             positions: tensors.values("pos_embed", &[1, count, width])?.into(),
             blocks: blocks.collect::<Result<_, _>>()?,
-            last: (values("norm.weight")?, values("norm.bias")?),
-            scratch: Scratch::new(),
+            norm: (values("norm.weight")?, values("norm.bias")?),
+            scratch: Arc::default(),
             config,
         };
-        // It stands for patches that training hid.
+        // It replaces masked patches in training.
         tensors.ignore("mask_token");
         tensors.check_all_used()?;
         Ok(encoder)
@@ -102,16 +107,16 @@ impl Encoder {
         // On a thread of the pool, which need not be awaited for each step.
         Ok(rayon::scope(|_| {
             let mut taps = Vec::new();
-            self.through(image, (rows, columns), self.config.blocks, |i, tokens| {
+            self.run_blocks(image, (rows, columns), self.config.blocks, |i, tokens| {
                 if self.config.taps.contains(&i) {
                     let mut tap = vec![0.0; tokens.len() - channels];
-                    let last = (&self.last.0[..], &self.last.1[..]);
-                    let part = share(tokens.len() / channels) * channels;
+                    let norm = (&self.norm.0[..], &self.norm.1[..]);
+                    let part = tokens_per_task(tokens.len() / channels) * channels;
                     let parts = tap.par_chunks_mut(part);
                     let tokens = tokens[channels..].par_chunks(part);
                     parts
                         .zip(tokens)
-                        .for_each(|(tap, x)| layer_norm(self.level, x, last, LAYER_EPSILON, tap));
+                        .for_each(|(tap, x)| layer_norm(self.level, x, norm, LAYER_EPSILON, tap));
                     taps.push(tap);
                 }
             });
@@ -123,11 +128,11 @@ impl Encoder {
         }))
     }
 
-    /// The tokens of a normalised image that enter a block, `[1 + rows x columns, width]`, that of the whole image first.
+    /// The tokens of a normalised image that enter a block, `[1 + rows x columns, width]`, the class token first.
     ///
     /// # Errors
     /// As [`Encoder::features`], and a block that the encoder does not have.
-    pub fn entering(
+    pub fn tokens_before(
         &self,
         image: &[f32],
         size: (usize, usize),
@@ -140,29 +145,26 @@ impl Encoder {
             return Err(FitError::Shape(what));
         }
         Ok(rayon::scope(|_| {
-            self.through(image, size, block, |_, _| ())
+            self.run_blocks(image, size, block, |_, _| ())
         }))
     }
 
-    /// The tokens after the first `count` blocks; `each` sees them after every one.
-    fn through(
+    /// The tokens after the first `count` blocks; `visit` gets those after every block.
+    fn run_blocks(
         &self,
         image: &[f32],
         size: (usize, usize),
         count: usize,
-        mut each: impl FnMut(usize, &[f32]),
+        mut visit: impl FnMut(usize, &[f32]),
     ) -> Vec<f32> {
         let mut tokens = self.tokens(image, size);
-        let mut rows = vec![0.0; 3 * tokens.len()];
-        let mut answers = vec![0.0; tokens.len()];
-        let workspace = Workspace {
-            level: self.level,
-            scratch: &self.scratch,
-        };
+        let mut queries_keys_values = vec![0.0; 3 * tokens.len()];
+        let mut attended = vec![0.0; tokens.len()];
+        let scratch = &*self.scratch;
         for (i, block) in self.blocks.iter().take(count).enumerate() {
-            block.attend(workspace, &tokens, &mut rows, &mut answers);
-            block.transform(workspace, &answers, &mut tokens);
-            each(i, &tokens);
+            block.attend(&tokens, &mut queries_keys_values, &mut attended, scratch);
+            block.transform(&attended, &mut tokens, scratch);
+            visit(i, &tokens);
         }
         tokens
     }
@@ -171,8 +173,8 @@ impl Encoder {
     fn tokens(&self, image: &[f32], size: (usize, usize)) -> Vec<f32> {
         let channels = self.config.width;
         let mut tokens = positions(&self.positions, self.config.side, channels, size);
-        let first = tokens[..channels].iter_mut().zip(&self.whole);
-        first.for_each(|(token, whole)| *token += whole);
+        let class = tokens[..channels].iter_mut().zip(&self.class_token);
+        class.for_each(|(token, value)| *token += value);
         let (row, depth) = (3 * PATCH * size.1, 3 * PATCH * PATCH);
         let rows = tokens[channels..].par_chunks_mut(size.1 * channels);
         rows.enumerate().for_each(|(y, tokens)| {
@@ -185,7 +187,7 @@ impl Encoder {
                     }
                 }
                 let skip = Some(&*tokens);
-                self.patches
+                self.patch_embedding
                     .apply(patches, Tail { skip, relu: false }, output);
                 tokens.copy_from_slice(output);
             });

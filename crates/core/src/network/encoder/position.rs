@@ -1,6 +1,6 @@
-//! The position of each token, interpolated from those that were learned.
+//! Positional embeddings of tokens, interpolated from the learned ones.
 
-/// What `DINOv2` adds to a number of patches before it divides by that of the table, so that rounding loses none.
+/// `DINOv2` adds this to the number of patches before it divides by that of the table, so that rounding loses none.
 const OFFSET: f64 = 0.1;
 
 /// `[1 + rows x columns, channels]` from a table `[1 + side x side, channels]`, by cubic convolution (Keys 1981).
@@ -10,20 +10,20 @@ pub fn positions(
     channels: usize,
     (rows, columns): (usize, usize),
 ) -> Vec<f32> {
-    let (whole, table) = table.split_at(channels);
-    let mut found = whole.to_vec();
+    let (class, table) = table.split_at(channels);
+    let mut found = class.to_vec();
     if (rows, columns) == (side, side) {
         found.extend(table);
         return found;
     }
     let (down, across) = (axis(rows, side), axis(columns, side));
-    for (tops, shares) in &down {
-        for (lefts, others) in &across {
+    for (tops, row_weights) in &down {
+        for (lefts, column_weights) in &across {
             let from = found.len();
             found.resize(from + channels, 0.0);
-            for (top, share) in tops.iter().zip(shares) {
-                for (left, other) in lefts.iter().zip(others) {
-                    let weight = (share * other) as f32;
+            for (top, row_weight) in tops.iter().zip(row_weights) {
+                for (left, column_weight) in lefts.iter().zip(column_weights) {
+                    let weight = (row_weight * column_weight) as f32;
                     let entry = &table[(top * side + left) * channels..][..channels];
                     let sums = found[from..].iter_mut().zip(entry);
                     sums.for_each(|(sum, value)| *sum += weight * value);
@@ -34,15 +34,15 @@ pub fn positions(
     found
 }
 
-/// For each of `to` places, four of `from` and their shares; beyond the border is the border.
+/// For each of `to` positions, four of `from` and their weights; positions beyond the border are on it.
 fn axis(to: usize, from: usize) -> Vec<([usize; 4], [f64; 4])> {
     let scale = from as f64 / (to as f64 + OFFSET);
     let place = |i: usize| {
         let place = (i as f64 + 0.5) * scale - 0.5;
-        let (first, rest) = (place.floor(), place - place.floor());
+        let (first, fraction) = (place.floor(), place - place.floor());
         let entry = |k: i64| (first as i64 + k - 1).clamp(0, from as i64 - 1) as usize;
-        let share = |k: i64| cubic((rest - (k - 1) as f64).abs());
-        ([0, 1, 2, 3].map(entry), [0, 1, 2, 3].map(share))
+        let weight = |k: i64| cubic((fraction - (k - 1) as f64).abs());
+        ([0, 1, 2, 3].map(entry), [0, 1, 2, 3].map(weight))
     };
     (0..to).map(place).collect()
 }

@@ -20,7 +20,7 @@ fn golden() -> Golden {
     serde_json::from_str(include_str!("golden.json")).unwrap()
 }
 
-fn tiny() -> EncoderConfig {
+pub(super) fn tiny() -> EncoderConfig {
     EncoderConfig {
         width: 16,
         heads: 2,
@@ -31,7 +31,7 @@ fn tiny() -> EncoderConfig {
     }
 }
 
-fn sines(index: usize, shape: &[usize], scale: f64, offset: f64) -> Tensor {
+pub(super) fn sines(index: usize, shape: &[usize], scale: f64, offset: f64) -> Tensor {
     let count = shape.iter().product();
     let value = |i: usize| (offset + scale * (0.37 * i as f64 + index as f64).sin()) as f32;
     Tensor::new(shape.to_vec(), (0..count).map(value).collect()).unwrap()
@@ -39,6 +39,11 @@ fn sines(index: usize, shape: &[usize], scale: f64, offset: f64) -> Tensor {
 
 /// The weights of the script.
 fn weights() -> BTreeMap<String, Tensor> {
+    weights_of(3)
+}
+
+/// The same of another number of blocks.
+pub(super) fn weights_of(blocks: usize) -> BTreeMap<String, Tensor> {
     let (width, hidden, side) = (16, 32, 4);
     let mut all = BTreeMap::new();
     let mut add = |name: String, shape: &[usize], scale: f64, offset: f64| {
@@ -54,7 +59,7 @@ fn weights() -> BTreeMap<String, Tensor> {
         0.0,
     );
     add("patch_embed.proj.bias".into(), &[width], 0.1, 0.0);
-    for block in 0..3 {
+    for block in 0..blocks {
         let mut part = |name: &str, shape: &[usize], scale: f64, offset: f64| {
             add(format!("blocks.{block}.{name}"), shape, scale, offset);
         };
@@ -85,7 +90,7 @@ fn image(height: usize, width: usize) -> Vec<f32> {
 #[test]
 fn features_are_those_of_transformers() {
     let golden = golden();
-    for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+    for level in Level::available() {
         let encoder = Encoder::new(tiny(), &weights(), level).unwrap();
         let found = encoder.features(&image(56, 56), (56, 56)).unwrap();
         assert_eq!((found.rows, found.columns), (4, 4));
@@ -200,7 +205,7 @@ fn adapters_are_added_to_the_weights_of_queries_and_values() {
         }
         all.insert(name, Tensor::new(vec![3 * width, width], values).unwrap());
     }
-    for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+    for level in Level::available() {
         let changed = Encoder::new(tiny(), &all, level).unwrap();
         let plain = Encoder::new(tiny(), &weights(), level).unwrap();
         let adapted = plain.with_adapters(LAST_TWO, &adapters).unwrap();
@@ -237,15 +242,18 @@ fn adapters_that_do_not_belong_are_refused() {
     tensors.insert(name.into(), sines(0, &[3, 15], 0.4, 0.0));
     assert!(refused(LAST_TWO, &tensors).contains(name));
     tensors.remove(name);
-    let said = refused(LAST_TWO, &tensors);
-    assert!(said.contains(name) && said.contains("is missing"), "{said}");
+    let message = refused(LAST_TWO, &tensors);
+    assert!(
+        message.contains(name) && message.contains("is missing"),
+        "{message}"
+    );
 }
 
 #[test]
 fn tokens_enter_a_block_as_the_one_before_leaves_them() {
     let size = (42, 56);
     let encoder = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
-    let tokens = encoder.entering(&image(42, 56), size, 1).unwrap();
+    let tokens = encoder.tokens_before(&image(42, 56), size, 1).unwrap();
     assert_eq!(tokens.len(), (1 + 3 * 4) * 16);
     // The first tap is what the first block leaves, normalised, without the token of the whole image.
     let tap = &encoder.features(&image(42, 56), size).unwrap().taps[0];
@@ -260,6 +268,6 @@ fn tokens_enter_a_block_as_the_one_before_leaves_them() {
             assert!((found - exact).abs() < 2e-5, "{found} {exact}");
         }
     }
-    assert!(encoder.entering(&image(42, 56), size, 3).is_err());
-    assert!(encoder.entering(&image(42, 56), (42, 55), 1).is_err());
+    assert!(encoder.tokens_before(&image(42, 56), size, 3).is_err());
+    assert!(encoder.tokens_before(&image(42, 56), (42, 55), 1).is_err());
 }

@@ -1,9 +1,9 @@
 //! DIODE (Vasiljevic et al. 2019) in the layout of its devkit: 1024x768, depths in metres as
 //! float32 `.npy`, validity masks as `.npy`.
 
-use super::Folder;
-use super::folder::{Files, FolderConfig, find};
-use crate::data::{Place, Split, check_name};
+use super::folder::{FolderConfig, FrameFiles, find};
+use super::{Folder, no_frame};
+use crate::data::{Environment, Split, check_name};
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -17,7 +17,7 @@ const META: &str = "diode_meta.json";
 #[serde(default, deny_unknown_fields)]
 pub struct DiodeConfig {
     /// Only the frames of one kind of place; both if absent.
-    pub place: Option<Place>,
+    pub place: Option<Environment>,
 }
 
 /// Opens a split by `diode_meta.json` if it lies in `root`, else by what is found.
@@ -34,12 +34,7 @@ pub(in crate::data) fn diode(root: &Path, split: Split, config: DiodeConfig) -> 
     };
     frames.retain(|files| config.place.is_none_or(|place| files.place == place));
     if frames.is_empty() {
-        return Err(Error::config(format!(
-            "no `{}` frame of DIODE in `{}`",
-            split.name(),
-            root.display()
-        ))
-        .hint(
+        return Err(no_frame("DIODE", split, root).hint(
             "expected SPLIT/indoors|outdoor/SCENE/SCAN/FRAME.png with FRAME_depth.npy and \
              FRAME_depth_mask.npy",
         ));
@@ -57,30 +52,32 @@ pub(in crate::data) fn diode(root: &Path, split: Split, config: DiodeConfig) -> 
     ))
 }
 
-const PLACES: [(&str, Place); 2] = [("indoors", Place::Indoor), ("outdoor", Place::Outdoor)];
+const PLACES: [(&str, Environment); 2] = [
+    ("indoors", Environment::Indoor),
+    ("outdoor", Environment::Outdoor),
+];
 
-fn by_walking(root: &Path, split: Split) -> Result<Vec<Files>> {
+fn by_walking(root: &Path, split: Split) -> Result<Vec<FrameFiles>> {
     let mut frames = Vec::new();
     for (name, place) in PLACES {
-        // The devkit's archives unpack to `val/`; its list speaks of the same tree without it.
+        // The devkit's archives unpack to `val/`; its list names the same tree without it.
         for prefix in ["{split}/", ""] {
             let stem = format!("{prefix}{name}/{{scene}}/{{scan}}/{{frame}}");
             let config = FolderConfig {
                 rgb: format!("{stem}.png"),
                 depth: format!("{stem}_depth.npy"),
                 mask: Some(format!("{stem}_depth_mask.npy")),
-                sparse: None,
                 depth_scale: Some(1.0),
                 place,
+                ..FolderConfig::default()
             };
             let found = find(root, split, &config)?;
-            let none = found.is_empty();
-            frames.extend(found.into_iter().map(|files| Files {
-                id: format!("{name}/{}", last(&files.id)),
-                scene: scene_of(last(&files.id)),
-                ..files
-            }));
-            if !none {
+            if !found.is_empty() {
+                frames.extend(found.into_iter().map(|files| FrameFiles {
+                    id: format!("{name}/{}", last(&files.id)),
+                    scene: scene_of(last(&files.id)),
+                    ..files
+                }));
                 break;
             }
         }
@@ -98,7 +95,7 @@ fn scene_of(frame: &str) -> Option<String> {
     frame.split_once('_').map(|(scene, _)| scene.to_owned())
 }
 
-fn by_list(root: &Path, list: &Path, split: Split) -> Result<Vec<Files>> {
+fn by_list(root: &Path, list: &Path, split: Split) -> Result<Vec<FrameFiles>> {
     let text = std::fs::read_to_string(list).map_err(|e| Error::read(list, e))?;
     let meta: Value =
         serde_json::from_str(&text).map_err(|e| Error::format(list, "is not JSON").because(e))?;
@@ -115,14 +112,14 @@ fn by_list(root: &Path, list: &Path, split: Split) -> Result<Vec<Files>> {
                         check_name(part).map_err(|e| Error::format(list, e))?;
                     }
                     let folder = root.join(split.name()).join(name).join(scene).join(scan);
-                    frames.push(Files {
+                    frames.push(FrameFiles {
                         id: format!("{name}/{frame}"),
                         scene: scene_of(frame),
                         rgb: folder.join(format!("{frame}.png")),
                         depth: folder.join(format!("{frame}_depth.npy")),
                         mask: Some(folder.join(format!("{frame}_depth_mask.npy"))),
-                        sparse: None,
                         place,
+                        ..FrameFiles::default()
                     });
                 }
             }

@@ -3,7 +3,7 @@
 use super::listing::files_below;
 use super::template::{Captures, Template};
 use crate::data::{
-    Dataset, DepthMap, Frame, FrameId, Place, Split, read_depth, read_mask, read_rgb,
+    Dataset, DepthMap, Environment, Frame, FrameId, Split, read_depth, read_mask, read_rgb,
 };
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{has_ending, read_pair};
@@ -28,7 +28,7 @@ pub struct FolderConfig {
     /// Metres per stored unit. If absent, 0.001 for PNG and PGM (millimetres), 1 for other files.
     pub depth_scale: Option<f64>,
     /// Where the frames were taken.
-    pub place: Place,
+    pub place: Environment,
 }
 
 impl Default for FolderConfig {
@@ -39,7 +39,7 @@ impl Default for FolderConfig {
             sparse: None,
             mask: None,
             depth_scale: None,
-            place: Place::Indoor,
+            place: Environment::Indoor,
         }
     }
 }
@@ -57,7 +57,7 @@ impl FolderConfig {
 
 /// The files of one frame.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Files {
+pub(super) struct FrameFiles {
     pub(super) id: FrameId,
     /// Where it is not a folder in the name.
     pub(super) scene: Option<String>,
@@ -66,10 +66,10 @@ pub(super) struct Files {
     pub(super) depth: PathBuf,
     pub(super) sparse: Option<PathBuf>,
     pub(super) mask: Option<PathBuf>,
-    pub(super) place: Place,
+    pub(super) place: Environment,
 }
 
-impl Files {
+impl FrameFiles {
     fn has_depth(&self) -> bool {
         !self.depth.as_os_str().is_empty()
     }
@@ -81,7 +81,7 @@ pub struct Folder {
     about: String,
     protocol: &'static str,
     depth_scale: f64,
-    frames: Vec<Files>,
+    frames: Vec<FrameFiles>,
 }
 
 impl Folder {
@@ -114,7 +114,7 @@ impl Folder {
         about: String,
         protocol: &'static str,
         depth_scale: f64,
-        frames: Vec<Files>,
+        frames: Vec<FrameFiles>,
     ) -> Self {
         Self {
             about,
@@ -126,7 +126,7 @@ impl Folder {
 }
 
 /// The frames of `split` below `root` that have the form of the templates; none is no error.
-pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<Vec<Files>> {
+pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<Vec<FrameFiles>> {
     let rgb = Template::new(&config.rgb)?;
     let depth = (!config.depth.is_empty()).then(|| Template::new(&config.depth));
     let depth = depth.transpose()?;
@@ -144,7 +144,7 @@ pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<V
             let filled = template.as_ref().map(|t| t.fill(&captures)).transpose()?;
             Ok(filled.map(|path| root.join(path)))
         };
-        frames.push(Files {
+        frames.push(FrameFiles {
             id: id(&captures),
             scene: None,
             rgb: root.join(&path),
@@ -178,7 +178,7 @@ fn id(captures: &Captures) -> FrameId {
 }
 
 impl Dataset for Folder {
-    fn about(&self) -> String {
+    fn description(&self) -> String {
         self.about.clone()
     }
 
@@ -186,8 +186,8 @@ impl Dataset for Folder {
         self.protocol
     }
 
-    fn measured(&self) -> bool {
-        self.frames.iter().all(Files::has_depth)
+    fn has_depth(&self) -> bool {
+        self.frames.iter().all(FrameFiles::has_depth)
     }
 
     fn len(&self) -> usize {

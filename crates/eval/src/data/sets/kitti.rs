@@ -1,10 +1,10 @@
 //! KITTI depth completion (Uhrig et al. 2017): 16-bit PNG, metres = value / 256, 0 = no laser
 //! return.
 
-use super::Folder;
 use super::folder::{FolderConfig, find};
-use crate::data::{Place, Split};
-use lsdc_files::error::{Error, Result};
+use super::{Folder, no_frame};
+use crate::data::{Environment, Split};
+use lsdc_files::error::Result;
 use std::path::Path;
 
 /// Image, ground truth and laser points: the 1000 cropped validation frames, then the full tree
@@ -31,7 +31,7 @@ const LAYOUTS: [[&str; 4]; 3] = [
 ];
 
 /// Where the cropped validation frames lie.
-const CROPPED: [&str; 3] = [
+const CROPPED_PREFIXES: [&str; 3] = [
     "depth_selection/val_selection_cropped/",
     "val_selection_cropped/",
     "",
@@ -47,7 +47,11 @@ pub(in crate::data) fn kitti(root: &Path, split: Split) -> Result<Folder> {
         if cropped && split == Split::Train {
             continue;
         }
-        for prefix in if cropped { &CROPPED[..] } else { &[""] } {
+        for prefix in if cropped {
+            &CROPPED_PREFIXES[..]
+        } else {
+            &[""]
+        } {
             let below = |folder: &str, name: &str| {
                 if cropped {
                     format!("{prefix}{folder}/{name}")
@@ -59,9 +63,9 @@ pub(in crate::data) fn kitti(root: &Path, split: Split) -> Result<Folder> {
                 rgb: below("image", rgb),
                 depth: below("groundtruth_depth", depth),
                 sparse: Some(below("velodyne_raw", sparse)),
-                mask: None,
                 depth_scale: Some(1.0 / 256.0),
-                place: Place::Outdoor,
+                place: Environment::Outdoor,
+                ..FolderConfig::default()
             };
             let mut frames = find(root, split, &config)?;
             // The first and last frames of a drive have neither points nor truth.
@@ -72,12 +76,7 @@ pub(in crate::data) fn kitti(root: &Path, split: Split) -> Result<Folder> {
             }
         }
     }
-    Err(Error::config(format!(
-        "no `{}` frame of KITTI depth completion in `{}`",
-        split.name(),
-        root.display()
-    ))
-    .hint(
+    Err(no_frame("KITTI depth completion", split, root).hint(
         "known layouts: val_selection_cropped/{image,groundtruth_depth,velodyne_raw}; \
          SPLIT/DRIVE/image_02/data with SPLIT/DRIVE/proj_depth",
     ))

@@ -15,20 +15,20 @@ pub(super) fn files_below(root: &Path, levels: Option<usize>) -> Result<Vec<Stri
     Ok(paths)
 }
 
-/// `above` holds the folders that lead here, by their real paths.
+/// `ancestors` holds the folders that lead here, by their real paths.
 fn walk(
     root: &Path,
     below: &str,
     levels: Option<usize>,
-    above: &mut Vec<PathBuf>,
+    ancestors: &mut Vec<PathBuf>,
     paths: &mut Vec<String>,
 ) -> Result<()> {
     let folder = root.join(below);
     let real = folder.canonicalize().map_err(|e| Error::read(&folder, e))?;
-    if above.contains(&real) {
+    if ancestors.contains(&real) {
         return Ok(());
     }
-    above.push(real);
+    ancestors.push(real);
     for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
         let entry = entry.map_err(|e| Error::read(&folder, e))?;
         let name = entry.file_name().into_string().map_err(|_| {
@@ -41,13 +41,13 @@ fn walk(
         };
         if entry.path().is_dir() {
             if levels != Some(1) {
-                walk(root, &path, levels.map(|n| n - 1), above, paths)?;
+                walk(root, &path, levels.map(|n| n - 1), ancestors, paths)?;
             }
         } else if levels.is_none_or(|n| n == 1) {
             paths.push(path);
         }
     }
-    above.pop();
+    ancestors.pop();
     Ok(())
 }
 

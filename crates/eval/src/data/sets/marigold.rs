@@ -1,9 +1,8 @@
 //! The folder layout of Marigold-DC's evaluation: `rgb/*.png`, `sparse/*.npy`, `gt/*.npy`, metres,
 //! 0 = missing. `lsdc export` writes it.
 
-use super::folder::{Files, Folder};
+use super::folder::{Folder, FrameFiles};
 use super::listing::files_below;
-use crate::data::Place;
 use lsdc_files::error::{Error, Result};
 use std::path::Path;
 
@@ -13,20 +12,20 @@ use std::path::Path;
 /// No frame.
 pub(in crate::data) fn marigold(root: &Path) -> Result<Folder> {
     let colours = root.join("rgb");
-    let frames: Vec<Files> = files_below(&colours, None)?
+    let frames: Vec<FrameFiles> = files_below(&colours, None)?
         .into_iter()
         .filter_map(|name| {
             let (stem, ending) = name.rsplit_once('.')?;
             let beside = |folder: &str| root.join(folder).join(format!("{stem}.npy"));
-            ["png", "jpg", "jpeg"].contains(&ending).then(|| Files {
-                id: stem.to_owned(),
-                scene: None,
-                rgb: colours.join(&name),
-                depth: beside("gt"),
-                sparse: Some(beside("sparse")),
-                mask: None,
-                place: Place::Indoor,
-            })
+            ["png", "jpg", "jpeg"]
+                .contains(&ending)
+                .then(|| FrameFiles {
+                    id: stem.to_owned(),
+                    rgb: colours.join(&name),
+                    depth: beside("gt"),
+                    sparse: Some(beside("sparse")),
+                    ..FrameFiles::default()
+                })
         })
         .collect();
     if frames.is_empty() {

@@ -23,3 +23,16 @@ pub use rooms::{Rooms, RoomsConfig};
 pub(super) use scans::scans;
 pub(super) use tum::tum;
 pub(super) use void::void;
+
+use super::Split;
+use lsdc_files::error::Error;
+use std::path::Path;
+
+/// The error of a folder that has no frame of a dataset.
+fn no_frame(dataset: &str, split: Split, root: &Path) -> Error {
+    Error::config(format!(
+        "no `{}` frame of {dataset} in `{}`",
+        split.name(),
+        root.display()
+    ))
+}

@@ -2,7 +2,7 @@
 //! `NAME_points.npz` with the lists `u`, `v`, `depth` and, if known, `ring`.
 
 use super::listing::files_below;
-use crate::data::{Dataset, DepthMap, Frame, FrameId, Place, read_upright};
+use crate::data::{Dataset, DepthMap, Environment, Frame, FrameId, read_upright};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{NumberList, has_ending, image_size, read_npz_lists};
 use rayon::prelude::*;
@@ -15,11 +15,11 @@ const RETURNS: &str = "_points.npz";
 
 /// Laser scans, in the order of their names.
 pub(in crate::data) struct Scans {
-    scans: Vec<Files>,
+    scans: Vec<ScanFiles>,
     about: OnceLock<String>,
 }
 
-struct Files {
+struct ScanFiles {
     id: FrameId,
     image: PathBuf,
     returns: PathBuf,
@@ -33,7 +33,7 @@ struct Files {
 pub(in crate::data) fn scans(root: &Path) -> Result<Scans> {
     let names = files_below(root, None)?;
     let known: BTreeSet<&str> = names.iter().map(String::as_str).collect();
-    let scans: Vec<Files> = names
+    let scans: Vec<ScanFiles> = names
         .iter()
         .filter(|name| {
             ["jpg", "jpeg", "png"]
@@ -43,7 +43,7 @@ pub(in crate::data) fn scans(root: &Path) -> Result<Scans> {
         .filter_map(|name| {
             let (id, _) = name.rsplit_once('.')?;
             let returns = format!("{id}{RETURNS}");
-            known.contains(returns.as_str()).then(|| Files {
+            known.contains(returns.as_str()).then(|| ScanFiles {
                 id: id.to_owned(),
                 image: root.join(name),
                 returns: root.join(returns),
@@ -64,8 +64,8 @@ pub(in crate::data) fn scans(root: &Path) -> Result<Scans> {
 
 impl Dataset for Scans {
     /// Counts all returns when first called, which reads every file of them.
-    fn about(&self) -> String {
-        let count = |files: &Files| {
+    fn description(&self) -> String {
+        let count = |files: &ScanFiles| {
             // What cannot be read is an error of its frame.
             let size = image_size(&files.image).ok()?;
             Some(Returns::read(&files.returns, size).ok()?.counts)
@@ -109,7 +109,7 @@ impl Dataset for Scans {
         let mut frame = frame
             .with_sparse(returns.depth)?
             .with_rings(returns.rings)?;
-        frame.place = Place::Outdoor;
+        frame.place = Environment::Outdoor;
         Ok(frame)
     }
 }
@@ -158,13 +158,17 @@ impl Returns {
     /// Reads the returns of an image of this width and height.
     fn read(path: &Path, (width, height): (usize, usize)) -> Result<Self> {
         let [u, v, depth, ring] = read_npz_lists(path, ["u", "v", "depth", "ring"])?;
-        let needed = |name: &str, list: Option<NumberList>| {
+        let required = |name: &str, list: Option<NumberList>| {
             list.ok_or_else(|| {
                 Error::format(path, format!("has no array `{name}`"))
                     .hint("save `u`, `v` (pixels) and `depth` (metres), one number for each return")
             })
         };
-        let (u, v, depth) = (needed("u", u)?, needed("v", v)?, needed("depth", depth)?);
+        let (u, v, depth) = (
+            required("u", u)?,
+            required("v", v)?,
+            required("depth", depth)?,
+        );
         let count = depth.values.len();
         let lists = [("u", Some(&u)), ("v", Some(&v)), ("ring", ring.as_ref())];
         for (name, list) in lists {
@@ -201,9 +205,9 @@ impl Returns {
                 continue;
             }
             let at = y * width + x;
-            let before = depths[at];
-            counts.behind += usize::from(before > 0.0);
-            if before == 0.0 || depth < before {
+            let previous = depths[at];
+            counts.behind += usize::from(previous > 0.0);
+            if previous == 0.0 || depth < previous {
                 depths[at] = depth;
                 let known = ring.as_ref().map_or(-1.0, |ring| ring.values[i]);
                 rings[at] = (known as i32).max(-1);

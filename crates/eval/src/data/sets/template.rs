@@ -27,20 +27,20 @@ impl Template {
                 .hint("write names in braces, as in `{scene}/{frame}.jpg`")
         };
         let mut parts = Vec::new();
-        let mut rest = text;
-        while let Some(open) = rest.find('{') {
-            let close = rest[open..].find('}').ok_or_else(broken)? + open;
+        let mut remaining = text;
+        while let Some(open) = remaining.find('{') {
+            let close = remaining[open..].find('}').ok_or_else(broken)? + open;
             if open > 0 {
-                parts.push(Part::Literal(rest[..open].to_owned()));
+                parts.push(Part::Literal(remaining[..open].to_owned()));
             }
             if close == open + 1 || matches!((open, parts.last()), (0, Some(Part::Name(_)))) {
                 return Err(broken());
             }
-            parts.push(Part::Name(rest[open + 1..close].to_owned()));
-            rest = &rest[close + 1..];
+            parts.push(Part::Name(remaining[open + 1..close].to_owned()));
+            remaining = &remaining[close + 1..];
         }
-        if !rest.is_empty() {
-            parts.push(Part::Literal(rest.to_owned()));
+        if !remaining.is_empty() {
+            parts.push(Part::Literal(remaining.to_owned()));
         }
         Ok(Self {
             text: text.to_owned(),
@@ -61,20 +61,20 @@ impl Template {
         fn walk(parts: &[Part], path: &str, found: &mut Captures) -> bool {
             match parts.split_first() {
                 None => path.is_empty(),
-                Some((Part::Literal(text), rest)) => path
+                Some((Part::Literal(text), remaining)) => path
                     .strip_prefix(text.as_str())
-                    .is_some_and(|tail| walk(rest, tail, found)),
-                Some((Part::Name(name), rest)) => {
+                    .is_some_and(|tail| walk(remaining, tail, found)),
+                Some((Part::Name(name), remaining)) => {
                     if let Some(value) = found.get(name).cloned() {
                         return path
                             .strip_prefix(value.as_str())
-                            .is_some_and(|tail| walk(rest, tail, found));
+                            .is_some_and(|tail| walk(remaining, tail, found));
                     }
                     let limit = path.find('/').unwrap_or(path.len());
                     let ends = path[..limit].char_indices().map(|(i, c)| i + c.len_utf8());
                     for end in ends {
                         found.insert(name.clone(), path[..end].to_owned());
-                        if walk(rest, &path[end..], found) {
+                        if walk(remaining, &path[end..], found) {
                             return true;
                         }
                     }

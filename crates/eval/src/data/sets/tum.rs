@@ -1,14 +1,14 @@
 //! TUM RGB-D sequences (Sturm et al. 2012): `rgb.txt` and `depth.txt` list times and files, which
 //! are matched by time; 16-bit PNG, metres = value / 5000.
 
-use super::folder::{Files, Folder};
-use crate::data::{Place, is_depth_image};
+use super::folder::{Folder, FrameFiles};
+use crate::data::is_depth_image;
 use lsdc_files::error::{Error, Result};
 use std::path::Path;
 
 /// The largest difference in seconds at which an image and a depth map belong together: the
 /// default of the dataset's `associate.py`.
-const APART: f64 = 0.02;
+const MAX_TIME_DIFFERENCE: f64 = 0.02;
 
 /// Opens a sequence, by `associations.txt` if it is there; every split holds all of it.
 ///
@@ -24,25 +24,22 @@ pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
             &times(&root.join("depth.txt"))?,
         )
     };
-    let frames: Vec<Files> = pairs
+    let frames: Vec<FrameFiles> = pairs
         .into_iter()
-        .map(|(rgb, depth)| Files {
+        .map(|(rgb, depth)| FrameFiles {
             id: Path::new(&rgb)
                 .file_stem()
                 .unwrap_or_default()
                 .to_string_lossy()
                 .into_owned(),
-            scene: None,
             rgb: root.join(rgb),
             depth: root.join(depth),
-            sparse: None,
-            mask: None,
-            place: Place::Indoor,
+            ..FrameFiles::default()
         })
         .collect();
     if frames.is_empty() {
         return Err(Error::config(format!(
-            "no image within {APART} s of a depth map in `{}`",
+            "no image within {MAX_TIME_DIFFERENCE} s of a depth map in `{}`",
             root.display()
         )));
     }
@@ -50,7 +47,7 @@ pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
 }
 
 /// The pairs of a list of times and files: image, then depth, whichever of them the list names first. Tools write
-/// either order (`associate.py rgb.txt depth.txt`; ICL-NUIM the other); files tell which is which.
+/// either order (`associate.py rgb.txt depth.txt`; ICL-NUIM the other); the order is taken from the files.
 fn associated(root: &Path, list: &Path) -> Result<Vec<(String, String)>> {
     let rows = lines(list, 4)?;
     let Some([first, second]) = rows.first().map(|row| [&row[1], &row[3]]) else {
@@ -119,23 +116,23 @@ fn times(path: &Path) -> Result<Vec<(f64, String)>> {
 fn associate(rgb: &[(f64, String)], depth: &[(f64, String)]) -> Vec<(String, String)> {
     let mut by_time: Vec<usize> = (0..depth.len()).collect();
     by_time.sort_by(|&a, &b| depth[a].0.total_cmp(&depth[b].0));
-    let mut close = Vec::new();
+    let mut candidates = Vec::new();
     for (i, (time, _)) in rgb.iter().enumerate() {
-        let first = by_time.partition_point(|&j| depth[j].0 <= time - APART);
+        let first = by_time.partition_point(|&j| depth[j].0 <= time - MAX_TIME_DIFFERENCE);
         for &j in &by_time[first..] {
-            let apart = (depth[j].0 - time).abs();
-            if depth[j].0 >= time + APART {
+            let difference = (depth[j].0 - time).abs();
+            if depth[j].0 >= time + MAX_TIME_DIFFERENCE {
                 break;
             }
-            close.push((apart, i, j));
+            candidates.push((difference, i, j));
         }
     }
-    close.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-    let mut taken = (vec![false; rgb.len()], vec![false; depth.len()]);
+    candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+    let (mut rgb_used, mut depth_used) = (vec![false; rgb.len()], vec![false; depth.len()]);
     let mut pairs = Vec::new();
-    for (_, i, j) in close {
-        if !taken.0[i] && !taken.1[j] {
-            (taken.0[i], taken.1[j]) = (true, true);
+    for (_, i, j) in candidates {
+        if !rgb_used[i] && !depth_used[j] {
+            (rgb_used[i], depth_used[j]) = (true, true);
             pairs.push((i, j));
         }
     }

@@ -1,9 +1,9 @@
 //! VOID (Wong et al. 2020): 640x480 with the points of a visual-inertial odometry, 16-bit PNG,
 //! metres = value / 256.
 
-use super::Folder;
 use super::folder::{FolderConfig, find};
-use crate::data::{Place, Split};
+use super::{Folder, no_frame};
+use crate::data::Split;
 use lsdc_files::error::{Error, Result};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -20,9 +20,8 @@ pub(in crate::data) fn void(root: &Path, split: Split) -> Result<Folder> {
         rgb: stem("image"),
         depth: stem("ground_truth"),
         sparse: Some(stem("sparse_depth")),
-        mask: None,
         depth_scale: Some(1.0 / 256.0),
-        place: Place::Indoor,
+        ..FolderConfig::default()
     };
     let mut frames = find(root, split, &config)?;
     let list = root.join(match split {
@@ -32,17 +31,15 @@ pub(in crate::data) fn void(root: &Path, split: Split) -> Result<Folder> {
     let listed = list.is_file();
     if listed {
         let text = std::fs::read_to_string(&list).map_err(|e| Error::read(&list, e))?;
-        let wanted: BTreeSet<PathBuf> =
-            text.lines().map(|line| end(line.trim().as_ref())).collect();
-        frames.retain(|files| wanted.contains(&end(&files.rgb)));
+        let names: BTreeSet<PathBuf> = text
+            .lines()
+            .map(|line| last_three(line.trim().as_ref()))
+            .collect();
+        frames.retain(|files| names.contains(&last_three(&files.rgb)));
     }
     if frames.is_empty() {
-        return Err(Error::config(format!(
-            "no `{}` frame of VOID in `{}`",
-            split.name(),
-            root.display()
-        ))
-        .hint("give the folder of one density: void_release/void_1500"));
+        return Err(no_frame("VOID", split, root)
+            .hint("give the folder of one density: void_release/void_1500"));
     }
     let how = if listed { "by its list" } else { "all frames" };
     Ok(Folder::of(
@@ -54,7 +51,7 @@ pub(in crate::data) fn void(root: &Path, split: Split) -> Result<Folder> {
 }
 
 /// Sequence, kind and file: what a list and the tree have in common.
-fn end(path: &Path) -> PathBuf {
+fn last_three(path: &Path) -> PathBuf {
     let mut parts: Vec<_> = path.components().rev().take(3).collect();
     parts.reverse();
     parts.into_iter().collect()

@@ -5,9 +5,9 @@ use crate::schedule::{InTasks, threads};
 use crate::simd::{Kernel, Rows, Scratch, Shared, Tail, Unset, Vector, product};
 use rayon::prelude::*;
 
-/// Tiles of one task at most: two register tiles of the longest vectors.
+/// The most tiles of one task: two register tiles of the longest vectors.
 const TILES: usize = 28;
-/// Floats of transformed inputs of one task at most, for second-level caches.
+/// The most floats of transformed inputs of one task, for second-level caches.
 const CACHE: usize = 160 << 10;
 
 impl Filter {
@@ -28,10 +28,10 @@ impl Filter {
         let padded = self.channels.next_multiple_of(self.level.lanes());
         let tiles = tiles(size, self.dilation);
         // As many equal tasks as threads, or a multiple.
-        let most = (CACHE / (SPECTRUM * padded)).clamp(1, TILES);
-        let tasks = tiles.len().div_ceil(most);
+        let most_tiles = (CACHE / (SPECTRUM * padded)).clamp(1, TILES);
+        let tasks = tiles.len().div_ceil(most_tiles);
         let tasks = tasks.next_multiple_of(threads());
-        let most = tiles.len().div_ceil(tasks.max(1)).max(1);
+        let task_tiles = tiles.len().div_ceil(tasks.max(1)).max(1);
         let zeros = vec![0.0; padded];
         let images = Images {
             values: x,
@@ -41,7 +41,7 @@ impl Filter {
             zeros: &zeros,
         };
         let output = Shared::unset(output);
-        tiles.par_chunks(most).each(|tiles| {
+        tiles.par_chunks(task_tiles).each(|tiles| {
             let inputs = SPECTRUM * frequency_stride(tiles.len(), padded);
             let products = SPECTRUM * tiles.len() * self.panel;
             scratch.with(inputs + products, |memory| {

@@ -3,20 +3,20 @@
 //! Sums over tiles run in a fixed order, whatever the number of threads.
 
 use super::{IN, Images, OUT, SPECTRUM, Tile, frequency_stride, tiles, transform};
+use crate::conv::Shape;
 use crate::simd::{Kernel, Level, Rows, Scratch, Shared, Vector, product};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Tiles whose spectra lie together, at most.
+/// The most tiles of a block, whose spectra lie together.
 const TILES: usize = 64;
-/// Floats of the spectra of the tiles that a thread works on by itself, at most: they, and sums, stay in second-level
-/// caches.
+/// The most floats of the spectra of a block, if every part has sums of its own: spectra and sums fit second-level caches.
 const CACHE: usize = 96 << 10;
-/// Floats of sums that a thread adds to by itself, at most.
+/// The most floats of the sums of a part.
 const SUMS: usize = 160 << 10;
-/// Sums that run side by side, at most.
+/// The most parts, whose sums are computed in parallel.
 const PARTS: usize = 16;
-/// Tiles of each of them, at least: the sums are read once more in the end.
+/// The fewest tiles of a part: its sums are read once more in the end.
 const PART: usize = 128;
 
 /// The gradient of weights `[channels, 3, 3, outputs]` from inputs
@@ -26,14 +26,14 @@ pub(in crate::conv) fn weight_gradient(
     level: Level,
     x: &[f32],
     grad: &[f32],
-    size: [usize; 3],
-    (channels, outputs): (usize, usize),
-    dilation: usize,
+    shape: &Shape,
     scratch: &Scratch,
 ) -> Vec<f32> {
-    let pixels = size.iter().product::<usize>();
-    assert_eq!(x.len(), pixels * channels, "input");
-    assert_eq!(grad.len(), pixels * outputs, "gradient");
+    assert!(shape.is_winograd(), "shape");
+    let (channels, outputs) = (shape.channels, shape.outputs);
+    let (size, dilation) = (shape.size(), shape.spec.dilation);
+    assert_eq!(x.len(), shape.input_len(), "input");
+    assert_eq!(grad.len(), shape.output_len(), "gradient");
     let panel = level.panel(outputs);
     let [inputs, grads] = [
         channels.next_multiple_of(level.lanes()),
@@ -54,7 +54,7 @@ pub(in crate::conv) fn weight_gradient(
     } else {
         1
     };
-    let most = if parts > 1 {
+    let block_tiles = if parts > 1 {
         (CACHE / (SPECTRUM * (inputs + grads))).clamp(1, TILES)
     } else {
         TILES
@@ -66,12 +66,12 @@ pub(in crate::conv) fn weight_gradient(
         padded: [inputs, grads],
         panel,
         tiles: &tiles,
-        most,
+        block_tiles,
     };
     let spectra = if parts > 1 {
         0
     } else {
-        tiles.len().div_ceil(most) * correlation.block().iter().sum::<usize>()
+        tiles.len().div_ceil(block_tiles) * correlation.block().iter().sum::<usize>()
     };
     let mut weights = vec![0.0; 9 * channels * outputs];
     scratch.with_whole(spectra + parts * sum, |memory| {
@@ -111,14 +111,14 @@ struct Correlation<'a> {
     panel: usize,
     tiles: &'a [Tile],
     /// Tiles of a block.
-    most: usize,
+    block_tiles: usize,
 }
 
 impl Correlation<'_> {
     /// Floats of the spectra of a block: of inputs and of gradients.
     fn block(&self) -> [usize; 2] {
         let padded = self.padded;
-        padded.map(|padded| SPECTRUM * frequency_stride(self.most, padded))
+        padded.map(|padded| SPECTRUM * frequency_stride(self.block_tiles, padded))
     }
 
     fn transform(&self, tiles: &[Tile], x: &mut [f32], grad: &mut [f32]) {
@@ -136,8 +136,8 @@ impl Correlation<'_> {
         self.padded[1] / self.panel
     }
 
-    /// Many tiles: a part of them each, with sums of its own, all of which stays in the cache of a thread. `sums [part]
-    /// [frequency][channel][padded output]` are to be added up.
+    /// For many tiles: the sums of parts of the tiles, `[part][frequency][channel][padded output]`, each computed by one
+    /// thread within its cache. The caller adds them up.
     fn by_parts(&self, sums: &mut [f32], parts: usize, scratch: &Scratch) {
         let sum = sums.len() / parts;
         let part = self.tiles.len().div_ceil(parts);
@@ -149,7 +149,7 @@ impl Correlation<'_> {
             let tiles = &self.tiles[first..(first + part).min(self.tiles.len())];
             scratch.with(x + grad, |memory| {
                 let (x, grad) = memory.split_at_mut(x);
-                for tiles in tiles.chunks(self.most) {
+                for tiles in tiles.chunks(self.block_tiles) {
                     self.transform(tiles, x, grad);
                     let kernel = Products {
                         of: self,
@@ -159,7 +159,7 @@ impl Correlation<'_> {
                         frequencies: 0..SPECTRUM,
                         panels: 0..self.panels(),
                         sums: Shared::new(sum),
-                        fresh: false,
+                        overwrite: false,
                     };
                     // SAFETY: the sums are of this part.
                     unsafe { self.level.run(kernel) }
@@ -168,23 +168,23 @@ impl Correlation<'_> {
         });
     }
 
-    /// Few tiles: first all spectra, then the products of each frequency. `sums [frequency][channel][padded output]`.
+    /// For few tiles: first all spectra, then the products of each frequency, `sums [frequency][channel][padded output]`.
     fn by_frequencies(&self, spectra: &mut [f32], sums: &mut [f32]) {
         let [x_block, grad_block] = self.block();
-        let blocks = self.tiles.len().div_ceil(self.most);
+        let blocks = self.tiles.len().div_ceil(self.block_tiles);
         let (x, grad) = spectra.split_at_mut(blocks * x_block);
         let memory = x
             .par_chunks_mut(x_block)
             .zip(grad.par_chunks_mut(grad_block));
         memory
-            .zip(self.tiles.par_chunks(self.most))
+            .zip(self.tiles.par_chunks(self.block_tiles))
             .for_each(|((x, grad), tiles)| self.transform(tiles, x, grad));
         let (x, grad) = (&*x, &*grad);
         let sums = Shared::new(sums);
         let panels = self.panels();
         (0..SPECTRUM * panels).into_par_iter().for_each(|task| {
             let (frequency, panel) = (task / panels, task % panels);
-            for (i, tiles) in self.tiles.chunks(self.most).enumerate() {
+            for (i, tiles) in self.tiles.chunks(self.block_tiles).enumerate() {
                 let kernel = Products {
                     of: self,
                     tiles: tiles.len(),
@@ -193,7 +193,7 @@ impl Correlation<'_> {
                     frequencies: frequency..frequency + 1,
                     panels: panel..panel + 1,
                     sums,
-                    fresh: i == 0,
+                    overwrite: i == 0,
                 };
                 // SAFETY: each task writes its own columns of its frequency.
                 unsafe { self.level.run(kernel) }
@@ -228,7 +228,7 @@ impl Kernel for Transform<'_> {
                     |d| transform::input(d),
                     #[inline(always)]
                     |c, f, value| {
-                        let at = f * frequency_stride(self.of.most, inputs) + t * inputs + c;
+                        let at = f * frequency_stride(self.of.block_tiles, inputs) + t * inputs + c;
                         value.store(x.add(at));
                     },
                 );
@@ -240,7 +240,7 @@ impl Kernel for Transform<'_> {
                     |y| transform::output_adjoint(y),
                     #[inline(always)]
                     |c, f, value| {
-                        let at = f * frequency_stride(self.of.most, grads) + t * grads + c;
+                        let at = f * frequency_stride(self.of.block_tiles, grads) + t * grads + c;
                         value.store(grad.add(at));
                     },
                 );
@@ -259,8 +259,8 @@ struct Products<'a> {
     panels: Range<usize>,
     /// `[frequency][channel][padded output]`
     sums: Shared<'a>,
-    /// Whether nothing is there yet that they would be added to.
-    fresh: bool,
+    /// Whether the sums are set rather than added to.
+    overwrite: bool,
 }
 
 impl Kernel for Products<'_> {
@@ -289,7 +289,7 @@ impl Products<'_> {
         let channels = self.of.x.channels;
         let [inputs, grads] = self.of.padded;
         let [x_stride, grad_stride] =
-            [inputs, grads].map(|row| frequency_stride(self.of.most, row));
+            [inputs, grads].map(|row| frequency_stride(self.of.block_tiles, row));
         for f in self.frequencies.clone() {
             for first in self.panels.clone().map(|panel| panel * W * V::LANES) {
                 // SAFETY: both spectra have a padded row for each frequency and tile.
@@ -311,7 +311,7 @@ impl Products<'_> {
                             let to = self.sums.at(at, W * V::LANES);
                             for (i, &sum) in sums.iter().enumerate() {
                                 let to = to.add(i * V::LANES);
-                                let sum = if self.fresh {
+                                let sum = if self.overwrite {
                                     sum
                                 } else {
                                     V::load(to).add(sum)

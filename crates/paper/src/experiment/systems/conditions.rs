@@ -1,15 +1,13 @@
 //! The conditions under which all are measured.
 
-use super::entrants::Field;
-use super::narrow::Narrow;
-use super::side::Side;
+use super::compared::ComparedSystems;
+use super::condition::Condition;
+use crate::experiment::frames::{narrowed, scaled};
 use crate::experiment::resolution;
-use crate::experiment::scale::Scaled;
 use lsdc_eval::metrics::Metric;
-use lsdc_eval::sampling::{Noise, Pattern, Preset};
+use lsdc_eval::sampling::{Noise, Pattern, ProtocolPreset};
 use lsdc_files::error::Result;
 use std::rc::Rc;
-use std::sync::Arc;
 
 /// Numbers of points beside those that the systems are trained with.
 pub(super) const COUNTS: [usize; 5] = [5, 50, 200, 1000, 5000];
@@ -42,143 +40,145 @@ const NOISES: [(&str, &str, Noise); 3] = [
 ];
 
 /// Conditions that differ in one thing.
-pub(super) struct Group<'a> {
+pub(super) struct ConditionGroup<'a> {
     pub(super) title: &'static str,
     /// What the thing is.
-    pub(super) rows_are: &'static str,
+    pub(super) row_header: &'static str,
     /// What is shown of them.
     pub(super) metrics: &'static [Metric],
-    pub(super) sides: Vec<Side<'a>>,
+    pub(super) conditions: Vec<Condition<'a>>,
 }
 
 pub(super) struct Conditions<'a> {
     /// That of the training.
-    pub(super) trained: Side<'a>,
-    pub(super) counts: Group<'a>,
-    pub(super) others: [Group<'a>; 4],
+    pub(super) trained: Condition<'a>,
+    pub(super) counts: ConditionGroup<'a>,
+    pub(super) others: [ConditionGroup<'a>; 4],
     /// Depth at three times the resolution of the image.
-    pub(super) sharp: Side<'a>,
+    pub(super) sharp: Condition<'a>,
 }
 
 impl<'a> Conditions<'a> {
-    pub(super) fn new(field: &Rc<Field<'a>>) -> Result<Self> {
+    pub(super) fn new(compared: &Rc<ComparedSystems<'a>>) -> Result<Self> {
         Ok(Self {
-            trained: Side::new(field, "500", "as trained", |trial| trial),
-            counts: counts(field),
+            trained: Condition::new(compared, "500", "as trained", |trial| trial),
+            counts: counts(compared),
             others: [
-                patterns(field),
-                scales(field),
-                noises(field),
-                cameras(field)?,
+                patterns(compared),
+                scales(compared),
+                noises(compared),
+                cameras(compared)?,
             ],
-            sharp: sharp(field),
+            sharp: sharp(compared),
         })
     }
 
     /// All of them, in the order in which they are measured.
-    pub(super) fn sides(&self) -> impl Iterator<Item = &Side<'a>> {
+    pub(super) fn all(&self) -> impl Iterator<Item = &Condition<'a>> {
         let groups = std::iter::once(&self.counts).chain(&self.others);
         std::iter::once(&self.trained)
-            .chain(groups.flat_map(|group| &group.sides))
+            .chain(groups.flat_map(|group| &group.conditions))
             .chain(std::iter::once(&self.sharp))
     }
 
     /// Few points.
-    pub(super) fn few(&self) -> &Side<'a> {
-        &self.counts.sides[SHOWN]
+    pub(super) fn few(&self) -> &Condition<'a> {
+        &self.counts.conditions[SHOWN]
     }
 }
 
-fn counts<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
-    let side = |count: usize| {
+fn counts<'a>(compared: &Rc<ComparedSystems<'a>>) -> ConditionGroup<'a> {
+    let condition = |count: usize| {
         let name = count.to_string();
-        Side::new(field, &name, &name, move |trial| {
+        Condition::new(compared, &name, &name, move |trial| {
             trial.points(Pattern::Exactly(count))
         })
     };
-    Group {
+    ConditionGroup {
         title: "Other numbers of points",
-        rows_are: "points",
+        row_header: "points",
         metrics: &[Metric::Rmse, Metric::Rel],
-        sides: COUNTS.map(side).into(),
+        conditions: COUNTS.map(condition).into(),
     }
 }
 
-fn patterns<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
-    let side = |pattern: Pattern| {
+fn patterns<'a>(compared: &Rc<ComparedSystems<'a>>) -> ConditionGroup<'a> {
+    let condition = |pattern: Pattern| {
         let name = String::from(pattern.clone()).replace(':', "-");
-        Side::new(field, &name, pattern.to_string(), move |trial| {
+        Condition::new(compared, &name, pattern.to_string(), move |trial| {
             trial.points(pattern.clone())
         })
     };
-    Group {
+    ConditionGroup {
         title: "Other patterns",
-        rows_are: "points",
+        row_header: "points",
         metrics: &[Metric::Rmse],
-        sides: PATTERNS.map(side).into(),
+        conditions: PATTERNS.map(condition).into(),
     }
 }
 
-fn scales<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
-    let context = field.context;
-    let side = |factor: f32| {
+fn scales<'a>(compared: &Rc<ComparedSystems<'a>>) -> ConditionGroup<'a> {
+    let context = compared.context;
+    let condition = |factor: f32| {
         let name = format!("x{factor}");
-        Side::new(field, &name, factor.to_string(), move |trial| {
-            let frames = Scaled {
-                frames: context.frames.clone(),
-                factor,
-            };
-            trial.on(format!("{} x {factor}", context.dataset), Arc::new(frames))
+        Condition::new(compared, &name, factor.to_string(), move |trial| {
+            let frames = scaled(context.frames.clone(), factor);
+            trial.on_frames(format!("{} x {factor}", context.dataset), frames)
         })
     };
-    Group {
+    ConditionGroup {
         title: "Scaled depths",
-        rows_are: "factor",
+        row_header: "factor",
         metrics: &[Metric::Rel],
-        sides: FACTORS.map(side).into(),
+        conditions: FACTORS.map(condition).into(),
     }
 }
 
-fn noises<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
-    let side = |(label, name, noise): (&str, &str, Noise)| {
-        Side::new(field, name, label, move |trial| trial.noise(Some(noise)))
+fn noises<'a>(compared: &Rc<ComparedSystems<'a>>) -> ConditionGroup<'a> {
+    let condition = |(label, name, noise): (&str, &str, Noise)| {
+        Condition::new(compared, name, label, move |trial| trial.noise(Some(noise)))
     };
-    Group {
+    ConditionGroup {
         title: "Wrong points",
-        rows_are: "what is wrong",
+        row_header: "what is wrong",
         metrics: &[Metric::Rmse],
-        sides: NOISES.map(side).into(),
+        conditions: NOISES.map(condition).into(),
     }
 }
 
-fn cameras<'a>(field: &Rc<Field<'a>>) -> Result<Group<'a>> {
-    let context = field.context;
-    let mut sides = vec![Side::new(field, "narrow", "half the view", move |trial| {
-        let frames = Narrow(context.frames.clone());
-        trial.on(format!("{}, the middle", context.dataset), Arc::new(frames))
-    })];
+fn cameras<'a>(compared: &Rc<ComparedSystems<'a>>) -> Result<ConditionGroup<'a>> {
+    let context = compared.context;
+    let mut conditions = vec![Condition::new(
+        compared,
+        "narrow",
+        "half the view",
+        move |trial| {
+            let frames = narrowed(context.frames.clone());
+            trial.on_frames(format!("{}, the middle", context.dataset), frames)
+        },
+    )];
     if let Some(diode) = &context.diode {
-        let preset = Preset::named("diode-masked")?;
-        sides.push(Side::new(field, "diode", "DIODE", move |trial| {
+        let preset = ProtocolPreset::named("diode-masked")?;
+        conditions.push(Condition::new(compared, "diode", "DIODE", move |trial| {
             trial
-                .on("diode val".into(), diode.clone())
+                .on_frames("diode val".into(), diode.clone())
                 .protocol(&preset)
         }));
     }
-    Ok(Group {
+    Ok(ConditionGroup {
         title: "Other cameras",
-        rows_are: "camera",
+        row_header: "camera",
         metrics: &[Metric::Rel],
-        sides,
+        conditions,
     })
 }
 
-fn sharp<'a>(field: &Rc<Field<'a>>) -> Side<'a> {
-    let context = field.context;
-    let side = Side::new(field, "sharp", "", move |trial| {
+fn sharp<'a>(compared: &Rc<ComparedSystems<'a>>) -> Condition<'a> {
+    let context = compared.context;
+    let condition = Condition::new(compared, "sharp", "", move |trial| {
         trial
             .resized(resolution::protocol(context), "of the experiment")
             .points(Pattern::Exactly(resolution::POINTS))
     });
-    side.sharp()
+    condition.sharp()
 }

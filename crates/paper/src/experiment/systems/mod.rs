@@ -2,37 +2,64 @@
 //! steps and images, then measured with the same points, fewer, more, elsewhere, scaled and wrong ones, on other
 //! cameras, and at a higher resolution than that of the image.
 
-mod clock;
-mod comparison;
+mod compared;
+mod condition;
 mod conditions;
-mod entrants;
-mod narrow;
 mod page;
 mod pictures;
-mod side;
 mod tables;
 #[cfg(test)]
 pub(super) mod tests;
+mod timing;
 mod training;
 
-use super::Study;
 use super::trial::Trial;
-pub(super) use comparison::Systems;
-use entrants::ComparedSystem;
+use super::{ExperimentContext, Study};
+use compared::{ComparedSystem, ComparedSystems};
+use conditions::Conditions;
 use lsdc_eval::report::Section;
 use lsdc_files::error::Result;
+use std::rc::Rc;
+use timing::TimedSystem;
+
+/// The systems with what they are measured under, and how long they take.
+pub(super) struct Systems<'a> {
+    compared: Rc<ComparedSystems<'a>>,
+    conditions: Conditions<'a>,
+    timings: Vec<TimedSystem<'a>>,
+}
+
+impl<'a> Systems<'a> {
+    pub(super) fn new(context: &'a ExperimentContext) -> Result<Self> {
+        let compared = Rc::new(ComparedSystems::new(context)?);
+        Ok(Self {
+            conditions: Conditions::new(&compared)?,
+            timings: TimedSystem::all(&compared),
+            compared,
+        })
+    }
+}
 
 impl Study for Systems<'_> {
     fn trials(&self) -> Vec<&dyn Trial> {
         let mut trials: Vec<&dyn Trial> = Vec::new();
-        for entrant in &self.field.entrants {
-            if let ComparedSystem::Trained(trial) = entrant {
+        for system in &self.compared.systems {
+            if let ComparedSystem::Trained(trial) = system {
                 trials.push(trial);
             }
         }
-        trials.extend(self.field.same.as_ref().map(|same| same as &dyn Trial));
-        trials.extend(self.conditions.sides().map(|side| side as &dyn Trial));
-        trials.extend(self.clocks.iter().map(|clock| clock as &dyn Trial));
+        trials.extend(
+            self.compared
+                .same_budget
+                .as_ref()
+                .map(|same| same as &dyn Trial),
+        );
+        trials.extend(
+            self.conditions
+                .all()
+                .map(|condition| condition as &dyn Trial),
+        );
+        trials.extend(self.timings.iter().map(|timing| timing as &dyn Trial));
         trials
     }
 

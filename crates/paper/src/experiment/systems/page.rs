@@ -1,7 +1,7 @@
 //! The page: its words, and the order of its tables and pictures.
 
-use super::comparison::Systems;
-use super::entrants::{ComparedSystem, OURS, SAME};
+use super::Systems;
+use super::compared::{ComparedSystem, OURS, SAME_BUDGET};
 use super::training::Budget;
 use super::{pictures, tables};
 use crate::experiment::published;
@@ -15,26 +15,26 @@ pub(super) fn section(systems: &Systems<'_>) -> Result<Section> {
     let mut section = Section::new("systems", title);
     section.about = about(systems);
 
-    let (field, conditions) = (&systems.field, &systems.conditions);
+    let (compared, conditions) = (&systems.compared, &systems.conditions);
     let means = conditions.trained.means()?;
-    let table = tables::as_trained(&field.context.preset.points, &means);
-    section.judge(table, OURS);
-    let entrants = field.entrants.iter();
+    let table = tables::as_trained(&compared.context.preset.points, &means);
+    section.add_ranked_table(table, OURS);
+    let all = compared.systems.iter();
     section
         .findings
-        .extend(entrants.filter_map(|entrant| surpassed(entrant, &means)));
+        .extend(all.filter_map(|system| surpassed(system, &means)));
 
     for &metric in conditions.counts.metrics {
         let table = tables::compared(conditions, &conditions.counts, metric)?;
         pictures::points(&mut section, &table, metric);
-        section.judge(table, OURS);
+        section.add_ranked_table(table, OURS);
     }
     for group in &conditions.others {
         for &metric in group.metrics {
-            section.judge(tables::compared(conditions, group, metric)?, OURS);
+            section.add_ranked_table(tables::compared(conditions, group, metric)?, OURS);
         }
     }
-    section.judge(tables::sharp(&conditions.sharp)?, OURS);
+    section.add_ranked_table(tables::sharp(&conditions.sharp)?, OURS);
     section.tables.push(tables::cost(systems)?);
     pictures::frames(&mut section, conditions)?;
     section.notes = published::notes(&published::SYSTEMS_NOTES);
@@ -43,27 +43,27 @@ pub(super) fn section(systems: &Systems<'_>) -> Result<Section> {
 
 /// Who was trained how, and what all have in common.
 fn about(systems: &Systems<'_>) -> Vec<String> {
-    let context = systems.field.context;
+    let context = systems.compared.context;
     let mut about = vec![format!("{} {}.", context.about(), context.preset.points)];
-    for entrant in &systems.field.entrants {
-        let here = match entrant {
+    for system in &systems.compared.systems {
+        let here = match system {
             ComparedSystem::Given(..) => "",
             ComparedSystem::Trained(_) => "trained here, ",
         };
-        let start = match entrant.config().pretrained() {
+        let start = match system.config().pretrained() {
             Some(path) => format!("encoder from `{}`", path.display()),
             None => "from random weights".to_owned(),
         };
         about.push(format!(
             "{}: {}; {here}{}, {start}.",
-            entrant.name(),
-            entrant.config().kind().source(),
-            entrant.training()
+            system.name(),
+            system.config().kind().source(),
+            system.training()
         ));
     }
-    if systems.field.same.is_some() {
+    if systems.compared.same_budget.is_some() {
         about.push(format!(
-            "{SAME}: the network of the recipe, trained from random weights for {} as well, with \
+            "{SAME_BUDGET}: the network of the recipe, trained from random weights for {} as well, with \
              the plain fit. `lsdc` itself has the weights named above, which were trained for longer.",
             Budget::of(&context.recipe.train)
         ));
@@ -77,13 +77,13 @@ fn about(systems: &Systems<'_>) -> Vec<String> {
 }
 
 /// That a published number is better than the one measured here, and why it may be.
-fn surpassed(entrant: &ComparedSystem<'_>, means: &[(String, Scores)]) -> Option<String> {
-    let published = entrant.published()?;
-    let (name, scores) = means.iter().find(|(name, _)| name == entrant.name())?;
+fn surpassed(system: &ComparedSystem<'_>, means: &[(String, Scores)]) -> Option<String> {
+    let published = system.published()?;
+    let (name, scores) = means.iter().find(|(name, _)| name == system.name())?;
     let best = published.rows.iter().map(|(_, errors)| errors.0);
     let best = best.fold(f64::MAX, f64::min);
     let here = scores[Metric::Rmse];
-    let start = match (entrant.config(), entrant.config().pretrained()) {
+    let start = match (system.config(), system.config().pretrained()) {
         (SystemConfig::Lsk(_), _) => "random weights",
         (_, Some(_)) => "an encoder trained on ImageNet",
         (_, None) => "random weights, where the authors start from an encoder trained on ImageNet",
@@ -92,7 +92,7 @@ fn surpassed(entrant: &ComparedSystem<'_>, means: &[(String, Scores)]) -> Option
         format!(
             "{name}: published RMSE {best:.3} m, here {here:.3} m: {} from {start}; published: {}, on all 654 frames \
              of the official split",
-            entrant.training(),
+            system.training(),
             published.training
         )
     })

@@ -1,36 +1,25 @@
 //! The pictures of the page.
 
 use super::conditions::{COUNTS, Conditions};
-use crate::experiment::points::axis;
+use crate::experiment::tables::{line, show_by_count};
 use lsdc_eval::metrics::Metric;
-use lsdc_eval::report::{Chart, Line, Scales, Section, Table};
+use lsdc_eval::report::{Section, Table};
 use lsdc_files::error::Result;
 
 /// A measure against the number of points, of a table whose first row has those of the training.
 pub(super) fn points(section: &mut Section, table: &Table, metric: Metric) {
     let columns = table.columns.iter().enumerate();
-    let lines = columns.map(|(colour, column)| Line {
-        name: Some(column.label.clone()),
-        colour,
-        dashed: false,
-        points: COUNTS
-            .iter()
-            .zip(&table.rows[1..])
-            .filter_map(|(count, row)| Some((*count as f64, row.values[colour]?)))
-            .collect(),
+    let lines = columns.map(|(colour, column)| {
+        let rows = COUNTS.iter().zip(&table.rows[1..]);
+        let points = rows.filter_map(|(count, row)| Some((*count as f64, row.values[colour]?)));
+        line(&column.label, colour, points.collect())
     });
-    let chart = Chart {
-        title: metric.label(),
-        across: "sparse points",
-        up: &axis(metric),
-        scales: Scales::Logarithmic,
-        lines: lines.collect(),
-    };
+    let name = format!("points-{}", metric.key());
     let caption = format!(
         "{} against the number of points; the systems are trained with one number.",
         metric.label()
     );
-    section.show(&format!("points-{}", metric.key()), &caption, chart.draw());
+    show_by_count(section, &name, &caption, metric, lines.collect());
 }
 
 /// Frames with all predictions.

@@ -1,14 +1,15 @@
 //! The tables of the page, with the rows that were published.
 
-use super::clock::{Clock, SIZE};
-use super::comparison::Systems;
-use super::conditions::{Conditions, Group};
-use super::entrants::OURS;
-use super::side::Side;
+use super::Systems;
+use super::compared::OURS;
+use super::condition::Condition;
+use super::conditions::{ConditionGroup, Conditions};
+use super::timing::{SIZE, TimedSystem};
+use crate::experiment::tables::{column, of_methods, row};
 use crate::experiment::{published, resolution};
 use burn::tensor::Device;
 use lsdc_eval::metrics::{Metric, Scores};
-use lsdc_eval::report::{Column, Contest, Row, Table};
+use lsdc_eval::report::{Column, Ranking, Row, Table};
 use lsdc_eval::sampling::Size;
 use lsdc_files::error::Result;
 use lsdc_train::model::{InitNetwork as _, parameter_count};
@@ -30,13 +31,7 @@ fn methods(
 ) -> Table {
     let measured = means.iter();
     let measured = measured.map(|(name, scores)| Row::of(name, scores, metrics));
-    Table {
-        title,
-        rows_are: "method".into(),
-        contest: Contest::Rows,
-        columns: metrics.iter().map(|&m| Column::of(m)).collect(),
-        rows: measured.chain(published).collect(),
-    }
+    of_methods(title, metrics, measured.chain(published).collect())
 }
 
 /// Errors with the points of the training.
@@ -50,36 +45,33 @@ pub(super) fn as_trained(points: &impl ToString, means: &[(String, Scores)]) -> 
 }
 
 /// Depth at three times the resolution of the image.
-pub(super) fn sharp(side: &Side<'_>) -> Result<Table> {
+pub(super) fn sharp(condition: &Condition<'_>) -> Result<Table> {
     use resolution::{LARGE, METRICS, POINTS, SMALL};
     let published = published::TABLE_3
         .iter()
         .map(|(name, [rmse, rel])| published::row(name, vec![Some(*rmse), Some(*rel), None, None]));
     let title = format!("Image and {POINTS} points at {SMALL}, depth at {LARGE}");
-    Ok(methods(title, &side.means()?, &METRICS, published))
+    Ok(methods(title, &condition.means()?, &METRICS, published))
 }
 
 /// A measure of all methods under the conditions of a group and that of the training, a column for each method.
 pub(super) fn compared<'a>(
     conditions: &Conditions<'a>,
-    group: &Group<'a>,
+    group: &ConditionGroup<'a>,
     metric: Metric,
 ) -> Result<Table> {
     let mut names = Vec::new();
     let mut rows = Vec::new();
-    for side in std::iter::once(&conditions.trained).chain(&group.sides) {
-        let means = side.means()?;
+    for condition in std::iter::once(&conditions.trained).chain(&group.conditions) {
+        let means = condition.means()?;
         names = means.iter().map(|(name, _)| name.clone()).collect();
-        rows.push(Row {
-            label: side.label.clone(),
-            aside: false,
-            values: means.iter().map(|(_, s)| Some(s[metric])).collect(),
-        });
+        let values: Vec<_> = means.iter().map(|(_, s)| Some(s[metric])).collect();
+        rows.push(row(&condition.label, values));
     }
     Ok(Table {
         title: format!("{}: {}", group.title, metric.label()),
-        rows_are: group.rows_are.to_owned(),
-        contest: Contest::Columns,
+        row_header: group.row_header.to_owned(),
+        ranking: Ranking::Columns,
         columns: names.iter().map(|n| Column::named(n, metric)).collect(),
         rows,
     })
@@ -87,15 +79,9 @@ pub(super) fn compared<'a>(
 
 /// Parameters, and times of a frame.
 pub(super) fn cost(systems: &Systems<'_>) -> Result<Table> {
-    let column = |label: &str, unit, decimals| Column {
-        label: label.to_owned(),
-        unit,
-        decimals,
-        rising: false,
-    };
-    let measured = systems.clocks.iter();
+    let measured = systems.timings.iter();
     let mut rows = measured
-        .map(|clock| cost_of(systems, clock))
+        .map(|timing| cost_of(systems, timing))
         .collect::<Result<Vec<_>>>()?;
     for (name, parameters, total) in published::TABLE_5 {
         let values = vec![None, Some(parameters), None, Some(total)];
@@ -104,8 +90,8 @@ pub(super) fn cost(systems: &Systems<'_>) -> Result<Table> {
     let Size { height, width } = SIZE;
     Ok(Table {
         title: format!("Cost of a frame of {width}x{height}"),
-        rows_are: "method".into(),
-        contest: Contest::None,
+        row_header: "method".into(),
+        ranking: Ranking::None,
         columns: vec![
             column("parameters", "M", 3),
             column("as counted", "M", 3),
@@ -116,29 +102,26 @@ pub(super) fn cost(systems: &Systems<'_>) -> Result<Table> {
     })
 }
 
-fn cost_of(systems: &Systems<'_>, clock: &Clock<'_>) -> Result<Row> {
+fn cost_of(systems: &Systems<'_>, timing: &TimedSystem<'_>) -> Result<Row> {
     let device = Device::flex();
-    let (label, parameters, never_run) = match clock.entrant() {
+    let (label, parameters, never_run) = match timing.system() {
         None => {
-            let net = systems.field.context.network.init(0, &device)?;
+            let net = systems.compared.context.network.init(0, &device)?;
             (OURS, parameter_count(&net), 0)
         }
-        Some(entrant) => {
-            let config = entrant.config();
+        Some(system) => {
+            let config = system.config();
             let count = parameter_count(&config.blank(&device)?);
-            (entrant.name(), count, config.never_run())
+            (system.name(), count, config.never_run())
         }
     };
     let millions = |parameters: usize| parameters as f64 / 1e6;
-    Ok(Row {
-        label: label.to_owned(),
-        aside: false,
-        values: vec![
-            Some(millions(parameters)),
-            Some(millions(parameters + never_run)),
-            // Four bytes each.
-            Some(parameters as f64 * 4.0 / 1e6),
-            clock.total()?,
-        ],
-    })
+    let values = [
+        Some(millions(parameters)),
+        Some(millions(parameters + never_run)),
+        // Four bytes each.
+        Some(parameters as f64 * 4.0 / 1e6),
+        timing.total()?,
+    ];
+    Ok(row(label, values))
 }

@@ -48,7 +48,7 @@ fn systems_are_trained_and_measured_alike_interrupted_or_not() {
             "linear"
         ]
     );
-    assert!(table.rows[7..].iter().all(|row| row.aside));
+    assert!(table.rows[7..].iter().all(|row| row.unranked));
     let text = sections[0].to_string();
     for words in [
         "s2d: published RMSE 0.204 m, here",

@@ -1,11 +1,11 @@
 //! A system that the experiment trains, and on which budget.
 
-use crate::experiment::trial::{Progress, Trial, keep_to, train};
+use crate::experiment::trial::{Progress, Trial, check_or_write_recipe, train};
 use crate::experiment::{ExperimentContext, SystemRecipe};
 use crate::systems::{Predictor, trainer};
 use lsdc_eval::data::Dataset;
 use lsdc_files::error::Result;
-use lsdc_train::training::{Outcome, TrainConfig};
+use lsdc_train::training::{RunOutcome, TrainConfig};
 use lsdc_weights::TRAINING_NOTE;
 use lsdc_weights::provenance;
 use serde::Deserialize;
@@ -14,7 +14,7 @@ use std::fmt::{Display, Formatter};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How much a training sees.
+/// The budget of a training.
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub(super) struct Budget {
     steps: usize,
@@ -29,8 +29,8 @@ impl Budget {
         }
     }
 
-    /// That of weights that were given, if they tell.
-    pub(super) fn told_by(predictor: &Predictor) -> Option<Self> {
+    /// That of weights that were given, if it is in their notes.
+    pub(super) fn noted_in(predictor: &Predictor) -> Option<Self> {
         let note = predictor.trained().notes.get(TRAINING_NOTE)?;
         serde_json::from_str(note).ok()
     }
@@ -85,8 +85,8 @@ impl<'a> TrainedSystem<'a> {
         self.folder().join("weights.safetensors")
     }
 
-    fn keep_to_recipe(&self) -> Result<()> {
-        keep_to(
+    fn check_recipe(&self) -> Result<()> {
+        check_or_write_recipe(
             &self.folder(),
             &json!({
                 "numerics": provenance::numerics(),
@@ -104,15 +104,15 @@ impl Trial for TrainedSystem<'_> {
         &self.name
     }
 
-    fn kept(&self) -> Result<usize> {
+    fn stored(&self) -> Result<usize> {
         if !self.weights().exists() {
             return Ok(0);
         }
-        self.keep_to_recipe().map(|()| 1)
+        self.check_recipe().map(|()| 1)
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
-        self.keep_to_recipe()?;
+        self.check_recipe()?;
         if self.weights().exists() {
             let _ = progress(1.0);
             return Ok(());
@@ -127,7 +127,7 @@ impl Trial for TrainedSystem<'_> {
             std::slice::from_ref(&self.context.device.0),
         )?;
         let outcome = train(&trainer, &mut |step| progress(step as f64 / steps))?;
-        if outcome == Outcome::Finished {
+        if outcome == RunOutcome::Finished {
             let _ = progress(1.0);
         }
         Ok(())

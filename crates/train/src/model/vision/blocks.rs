@@ -1,6 +1,7 @@
 //! Attention and perceptrons, and the last blocks of an encoder alone, through which adapters learn.
 
 use crate::model::adapters::{Adapter, Adapters};
+use burn::module::Module;
 use burn::tensor::activation::{gelu, softmax};
 use burn::tensor::{Device, Tensor, TensorData, s};
 use lsdc_core::WeightsError;
@@ -9,18 +10,21 @@ use lsdc_core::weights::Tensor as Table;
 use std::collections::BTreeMap;
 
 /// The last blocks of a vision transformer, and the normalisation after them.
-#[derive(Clone, Debug)]
+#[derive(Module, Debug)]
 pub struct LastBlocks {
     /// The first of them, from 0.
+    #[module(skip)]
     first: usize,
     /// The blocks of the encoder whose tokens are features.
+    #[module(skip)]
     taps: Vec<usize>,
+    #[module(skip)]
     heads: usize,
     blocks: Vec<Block>,
     last: Norm,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Module, Debug)]
 struct Block {
     norms: [Norm; 2],
     queries: Affine,
@@ -32,26 +36,26 @@ struct Block {
 }
 
 /// A linear map with bias.
-#[derive(Clone, Debug)]
+#[derive(Module, Debug)]
 pub(super) struct Affine {
     weight: Tensor<3>,
     bias: Tensor<3>,
 }
 
 /// A layer normalisation.
-#[derive(Clone, Debug)]
+#[derive(Module, Debug)]
 struct Norm {
     gain: Tensor<3>,
     shift: Tensor<3>,
 }
 
 /// Tensors by name, to be put on a device.
-pub(super) struct Source<'a> {
+pub(super) struct TensorSource<'a> {
     pub(super) tensors: &'a BTreeMap<String, Table>,
     pub(super) device: &'a Device,
 }
 
-impl Source<'_> {
+impl TensorSource<'_> {
     pub(super) fn values(&self, name: &str, shape: &[usize]) -> Result<&[f32], WeightsError> {
         let wrong = |reason: String| WeightsError::Tensor {
             name: name.to_owned(),
@@ -119,7 +123,7 @@ impl Block {
     fn new(
         config: &EncoderConfig,
         index: usize,
-        source: &Source<'_>,
+        source: &TensorSource<'_>,
     ) -> Result<Self, WeightsError> {
         let (width, hidden) = (config.width, config.hidden);
         let name = |part: &str| format!("blocks.{index}.{part}");
@@ -175,28 +179,6 @@ impl Block {
         let answers: Tensor<4> = softmax(likeness, 3).matmul(values);
         answers.swap_dims(1, 2).reshape([images, count, width])
     }
-
-    fn to_device(&self, device: &Device) -> Self {
-        let norm = |norm: &Norm| Norm {
-            gain: norm.gain.clone().to_device(device),
-            shift: norm.shift.clone().to_device(device),
-        };
-        let affine = |affine: &Affine| Affine {
-            weight: affine.weight.clone().to_device(device),
-            bias: affine.bias.clone().to_device(device),
-        };
-        Self {
-            norms: self.norms.each_ref().map(norm),
-            queries: affine(&self.queries),
-            mixed: affine(&self.mixed),
-            first: affine(&self.first),
-            second: affine(&self.second),
-            scales: self
-                .scales
-                .each_ref()
-                .map(|scale| scale.clone().to_device(device)),
-        }
-    }
 }
 
 impl LastBlocks {
@@ -210,7 +192,7 @@ impl LastBlocks {
         tensors: &BTreeMap<String, Table>,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let source = Source { tensors, device };
+        let source = TensorSource { tensors, device };
         let Some(first) = config.blocks.checked_sub(count) else {
             return Err(WeightsError::Unsupported(MORE_BLOCKS));
         };
@@ -232,20 +214,6 @@ impl LastBlocks {
     /// How many there are.
     pub fn count(&self) -> usize {
         self.blocks.len()
-    }
-
-    /// A copy on another device.
-    #[must_use]
-    pub fn to_device(&self, device: &Device) -> Self {
-        Self {
-            blocks: self.blocks.iter().map(|b| b.to_device(device)).collect(),
-            last: Norm {
-                gain: self.last.gain.clone().to_device(device),
-                shift: self.last.shift.clone().to_device(device),
-            },
-            taps: self.taps.clone(),
-            ..*self
-        }
     }
 
     /// From the tokens that enter the first of them, `[images, 1 + patches, width]`, the features of the taps among them
@@ -279,11 +247,11 @@ impl LastBlocks {
     ) -> Tensor<4> {
         let [images, rows, columns, channels] = encoded.dims();
         let new = Tensor::cat(self.forward(tokens, Some(adapters)), 2);
-        let kept = channels - new.dims()[2];
-        let new = new.reshape([images, rows, columns, channels - kept]);
-        if kept == 0 {
+        let unchanged = channels - new.dims()[2];
+        let new = new.reshape([images, rows, columns, channels - unchanged]);
+        if unchanged == 0 {
             return new;
         }
-        Tensor::cat(vec![encoded.slice(s![.., .., .., ..kept]), new], 3)
+        Tensor::cat(vec![encoded.slice(s![.., .., .., ..unchanged]), new], 3)
     }
 }

@@ -7,7 +7,7 @@ mod tests;
 pub use blocks::LastBlocks;
 
 use super::adapters::Adapters;
-use blocks::{Affine, Source};
+use blocks::{Affine, TensorSource};
 use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_core::WeightsError;
 use lsdc_core::network::{EncoderConfig, PATCH, positions};
@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 pub struct VisionTransformer {
     config: EncoderConfig,
     patches: Affine,
-    whole: Tensor<3>,
+    class_token: Tensor<3>,
     /// `[1 + side x side, width]`; interpolated on the host.
     positions: Vec<f32>,
     blocks: LastBlocks,
@@ -35,7 +35,7 @@ impl VisionTransformer {
         tensors: &BTreeMap<String, Table>,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let source = Source { tensors, device };
+        let source = TensorSource { tensors, device };
         let width = config.width;
         let count = 1 + config.side * config.side;
         Ok(Self {
@@ -44,7 +44,7 @@ impl VisionTransformer {
                 (3 * PATCH * PATCH, width),
                 &[width, 3, PATCH, PATCH],
             )?,
-            whole: {
+            class_token: {
                 let values = source.values("cls_token", &[1, 1, width])?.to_vec();
                 source.tensor(values, [1, 1, width])
             },
@@ -63,8 +63,8 @@ impl VisionTransformer {
         let patches: Tensor<3> =
             cut.permute([0, 1, 3, 5, 2, 4])
                 .reshape([count, rows * columns, 3 * PATCH * PATCH]);
-        let whole = self.whole.clone().repeat_dim(0, count);
-        let tokens = Tensor::cat(vec![whole, self.patches.forward(patches)], 1);
+        let class_token = self.class_token.clone().repeat_dim(0, count);
+        let tokens = Tensor::cat(vec![class_token, self.patches.forward(patches)], 1);
         let tokens = tokens + self.places((rows, columns));
         let features = Tensor::cat(self.blocks.forward(tokens, adapters), 2);
         features.reshape([count, rows, columns, self.config.channels()])
@@ -80,6 +80,6 @@ impl VisionTransformer {
         let EncoderConfig { width, side, .. } = self.config;
         let values = positions(&self.positions, side, width, size);
         let shape = [1, values.len() / width, width];
-        Tensor::from_data(TensorData::new(values, shape), &self.whole.device())
+        Tensor::from_data(TensorData::new(values, shape), &self.class_token.device())
     }
 }

@@ -1,7 +1,7 @@
 use super::*;
 use crate::model::layers::Init;
 use crate::model::random_encoder::{random_tensors, short};
-use crate::model::weights::Filler;
+use crate::model::weights::fill;
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::s;
 use lsdc_core::network::{ADAPTERS, Encoder};
@@ -57,10 +57,7 @@ fn adapters(device: &Device) -> Adapters {
         let name = name.trim_start_matches(ADAPTERS).to_owned();
         (name, Table::new(table.shape().to_vec(), values).unwrap())
     });
-    let mut filler = Filler::new(tensors.collect());
-    let adapters = zero.map(&mut filler);
-    filler.check().unwrap();
-    adapters
+    fill(tensors.collect(), zero).unwrap()
 }
 
 fn pixels(size: (usize, usize)) -> Vec<f32> {
@@ -110,7 +107,7 @@ fn adapters_are_those_of_the_prepared_encoder() {
     assert!(largest(&whole, &side_by_side(&exact)) < 2e-4);
 
     let last = LastBlocks::new(&short(), 2, &tensors, &device).unwrap();
-    let entering = prepared.entering(&image, size, last.first()).unwrap();
+    let entering = prepared.tokens_before(&image, size, last.first()).unwrap();
     let entering = TensorData::new(entering, [1, 13, short().width]);
     let encoded = tensor(side_by_side(&plain), [1, 4, 3, short().channels()]);
     let entering = Tensor::from_data(entering, &device);

@@ -1,7 +1,7 @@
 //! The op on GPUs, as products of matrices whose left one, the patches of pixels around each output, is never made
 //! (implicit GEMM, Chetlur et al. 2014). A cube makes one tile of the result from tiles in its shared memory.
 
-use super::{ConvBackend, ConvSpec, reference, reference_input, reference_weight};
+use super::{ConvBackend, ConvGradients, ConvSpec, reference, reference_input, reference_weight};
 use crate::ops::gpu::{UNITS, cube, empty, sum_of_parts, tile, tiles};
 use burn::backend::TensorMetadata as _;
 use burn::backend::ops::FloatTensorOps;
@@ -70,7 +70,9 @@ impl ConvBackend for CubeBackend {
         let weights = Self::float_permute(weight, &[2, 3, 1, 0]);
         from_patches(x, weights, geometry, false)
     }
+}
 
+impl ConvGradients for CubeBackend {
     fn conv_backward_input(x: Floats, weight: Floats, grad: Floats, spec: ConvSpec) -> Floats {
         if !applies(&x, &weight, spec) {
             return reference_input::<Self>(x, weight, grad, spec);

@@ -1,7 +1,6 @@
 //! Flex tensors in, flex tensors out: f32 goes to the kernels, other types to burn.
 
-use super::{ConvBackend, ConvSpec, channels_first, channels_last, options};
-use burn::backend::ops::ModuleOps as _;
+use super::{ConvBackend, ConvGradients, ConvSpec, reference, reference_input, reference_weight};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
@@ -19,9 +18,7 @@ fn scratch() -> &'static Scratch {
 impl ConvBackend for Flex {
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
-            let options = options(spec, &weight.shape());
-            let output = Self::conv2d(channels_first::<Self>(x), weight, None, options);
-            return channels_last::<Self>(output);
+            return reference::<Self>(x, weight, spec);
         }
         biased(
             &x.to_contiguous(),
@@ -31,7 +28,9 @@ impl ConvBackend for Flex {
             spec,
         )
     }
+}
 
+impl ConvGradients for Flex {
     fn conv_backward_input(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -39,10 +38,7 @@ impl ConvBackend for Flex {
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
-            let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
-            let options = options(spec, &weight.shape());
-            let input = Self::conv2d_x_backward(x, weight, grad, options);
-            return channels_last::<Self>(input);
+            return reference_input::<Self>(x, weight, grad, spec);
         }
         let (weight, grad) = (weight.to_contiguous(), grad.to_contiguous());
         let shape = shape(&x, &weight, spec);
@@ -61,9 +57,7 @@ impl ConvBackend for Flex {
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
-            let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
-            let options = options(spec, &weight.shape());
-            return Self::conv2d_weight_backward(x, weight, grad, options);
+            return reference_weight::<Self>(x, weight, grad, spec);
         }
         let (x, grad) = (x.to_contiguous(), grad.to_contiguous());
         let shape = shape(&x, &weight, spec);
@@ -73,7 +67,7 @@ impl ConvBackend for Flex {
     }
 }
 
-/// The convolution of contiguous f32, with a bias (none: 0) and a ReLU if asked for.
+/// The convolution of contiguous f32, with a bias (none: 0) and a ReLU if `relu`.
 pub(in crate::ops) fn biased(
     x: &FlexTensor,
     weight: &FlexTensor,

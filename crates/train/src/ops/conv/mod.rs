@@ -44,7 +44,10 @@ pub trait ConvBackend: Backend {
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
         reference::<Self>(x, weight, spec)
     }
+}
 
+/// The gradients of [`ConvBackend::conv`]; the defaults are burn's own implementation.
+pub trait ConvGradients: ConvBackend {
     /// The gradient of `x` from that of the output.
     fn conv_backward_input(
         x: FloatTensor<Self>,
@@ -144,9 +147,6 @@ fn channels_first<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
 fn channels_last<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
     B::float_permute(x, &[0, 2, 3, 1])
 }
-
-#[cfg(feature = "ndarray")]
-impl ConvBackend for burn_ndarray::NdArray {}
 
 /// The product of `x [rows, in]` and `weight [in, out]`.
 pub fn linear(x: Tensor<2>, weight: Tensor<2>) -> Tensor<2> {

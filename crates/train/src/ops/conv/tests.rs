@@ -187,7 +187,7 @@ fn kernels_agree(shape: &Shape, scratch: &Scratch) {
     });
     let plain: Vec<f64> = plain.into_iter().map(|v| v.max(0.0)).collect();
 
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+    for level in Level::available() {
         let context = (level, shape);
         let [_, per_output, ..] = kernel_of(shape);
         let sizes = [shape.outputs, per_output, shape.taps];

@@ -1,13 +1,14 @@
 //! The op on flex: a normalisation with fixed statistics is a slope s and an offset per output, so that the outputs are
 //! those of the convolution with weights s W and a bias, and gradients those of such a convolution.
 
-use super::{ConvNormBackend, ConvNormSpec, reference, reference_backward};
-use crate::ops::conv::{self, ConvBackend as _};
+use super::{ConvNormBackend, ConvNormGradients, ConvNormSpec, reference, reference_backward};
+use crate::ops::conv::{self, ConvGradients as _};
+use crate::ops::norm::vector;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
 use burn_flex::FlexTensor;
-use lsdc_kernels::norm::{Lines, passed, row_sums};
+use lsdc_kernels::norm::{ChannelAffine, relu_gradient, row_sums};
 
 /// Weights `[outputs, ..]`, those of each output multiplied by its slope.
 fn folded(weight: &FlexTensor, slopes: &[f32]) -> FlexTensor {
@@ -18,11 +19,6 @@ fn folded(weight: &FlexTensor, slopes: &[f32]) -> FlexTensor {
         folded.extend(row.iter().map(|v| v * s));
     }
     FlexTensor::from_data(TensorData::new(folded, weight.shape().to_vec()))
-}
-
-fn vector(values: Vec<f32>) -> FlexTensor {
-    let length = values.len();
-    FlexTensor::from_data(TensorData::new(values, [length]))
 }
 
 impl ConvNormBackend for Flex {
@@ -42,12 +38,14 @@ impl ConvNormBackend for Flex {
             [x, weight, gain, shift, mean, variance].map(|t| t.to_contiguous());
         let (gain, shift) = (gain.storage(), shift.storage());
         let (mean, variance) = (mean.storage(), variance.storage());
-        let lines = Lines::new(gain, shift, mean, variance, spec.epsilon);
-        let weight = folded(&weight, lines.slopes());
-        let output = conv::biased(&x, &weight, lines.offsets(), spec.relu, spec.conv);
+        let affine = ChannelAffine::new(gain, shift, mean, variance, spec.epsilon);
+        let weight = folded(&weight, affine.slopes());
+        let output = conv::biased(&x, &weight, affine.offsets(), spec.relu, spec.conv);
         (output.clone(), output)
     }
+}
 
+impl ConvNormGradients for Flex {
     fn conv_norm_backward(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -55,25 +53,20 @@ impl ConvNormBackend for Flex {
         shift: FloatTensor<Self>,
         mean: FloatTensor<Self>,
         variance: FloatTensor<Self>,
-        kept: FloatTensor<Self>,
+        output: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         spec: ConvNormSpec,
-    ) -> (
-        FloatTensor<Self>,
-        FloatTensor<Self>,
-        FloatTensor<Self>,
-        FloatTensor<Self>,
-    ) {
+    ) -> [FloatTensor<Self>; 4] {
         if x.dtype() != DType::F32 {
             return reference_backward::<Self>(
-                x, weight, gain, shift, mean, variance, kept, grad, spec,
+                x, weight, gain, shift, mean, variance, output, grad, spec,
             );
         }
         let [weight, gain, mean, variance, output, grad] =
-            [weight, gain, mean, variance, kept, grad].map(|t| t.to_contiguous());
+            [weight, gain, mean, variance, output, grad].map(|t| t.to_contiguous());
         let channels = gain.storage::<f32>().len();
         let (grad, sums) = if spec.relu {
-            let (values, sums) = passed(output.storage(), grad.storage(), channels);
+            let (values, sums) = relu_gradient(output.storage(), grad.storage(), channels);
             let values = TensorData::new(values, grad.shape().to_vec());
             (FlexTensor::from_data(values), sums)
         } else {
@@ -83,7 +76,7 @@ impl ConvNormBackend for Flex {
         // y = s W x + (shift - s mean), s = gain / deviation.
         let of_folded = Self::conv_backward_weight(x, weight.clone(), grad.clone(), spec.conv);
         let means = mean.storage::<f32>();
-        let standard = Lines::standard(means, variance.storage(), spec.epsilon);
+        let standard = ChannelAffine::standard(means, variance.storage(), spec.epsilon);
         let (weights, products) = (weight.storage::<f32>(), of_folded.storage::<f32>());
         let size = weights.len() / channels.max(1);
         let of_gain = |o: usize| {
@@ -97,7 +90,7 @@ impl ConvNormBackend for Flex {
         let pairs = gain.storage::<f32>().iter().zip(standard.slopes());
         let slopes: Vec<f32> = pairs.map(|(gain, inverse)| gain * inverse).collect();
         let weight = folded(&of_folded, &slopes);
-        (grad, weight, vector(gains), vector(sums))
+        [grad, weight, vector(gains), vector(sums)]
     }
 
     fn conv_norm_backward_input(
@@ -114,7 +107,7 @@ impl ConvNormBackend for Flex {
         let [weight, gain, variance] = [weight, gain, variance].map(|t| t.to_contiguous());
         let (gain, variance) = (gain.storage::<f32>(), variance.storage());
         let zeros = vec![0.0; gain.len()];
-        let lines = Lines::new(gain, &zeros, &zeros, variance, spec.epsilon);
-        Self::conv_backward_input(x, folded(&weight, lines.slopes()), grad, spec.conv)
+        let affine = ChannelAffine::new(gain, &zeros, &zeros, variance, spec.epsilon);
+        Self::conv_backward_input(x, folded(&weight, affine.slopes()), grad, spec.conv)
     }
 }

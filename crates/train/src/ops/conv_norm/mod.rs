@@ -6,8 +6,8 @@ mod flex;
 #[cfg(test)]
 mod tests;
 
-use super::conv::{ConvBackend, ConvSpec};
-use super::norm::{NormBackend, NormSpec};
+use super::conv::{ConvBackend, ConvGradients, ConvSpec};
+use super::norm::{NormBackend, NormGradients, NormSpec};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
@@ -35,7 +35,7 @@ impl ConvNormSpec {
 
 /// The gain, shift, mean and variance of a normalisation, `[channels]` each.
 #[derive(Clone, Debug)]
-pub struct Fixed {
+pub struct FixedNorm {
     /// Multiplies what has mean 0 and variance 1.
     pub gain: Tensor<1>,
     /// Is added then.
@@ -53,9 +53,8 @@ pub struct Fixed {
     NdArray: cfg(feature = "ndarray"),
     Cube: cfg(feature = "wgpu"),
 )]
-#[expect(clippy::too_many_arguments, reason = "the tensors of two layers")]
 pub trait ConvNormBackend: Backend + ConvBackend + NormBackend {
-    /// The output `[b, h', w', o]`, and what the backward pass is to be given.
+    /// The output `[b, h', w', o]`, and what the backward pass needs of the forward pass.
     fn conv_norm(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -67,8 +66,11 @@ pub trait ConvNormBackend: Backend + ConvBackend + NormBackend {
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {
         reference::<Self>(x, weight, gain, shift, mean, variance, spec)
     }
+}
 
-    /// From the gradient of the output: a gradient for [`ConvNormBackend::conv_norm_backward_input`], and those of weight,
+/// The gradients of [`ConvNormBackend::conv_norm`]; the defaults are the plain reference.
+pub trait ConvNormGradients: ConvNormBackend + ConvGradients + NormGradients {
+    /// From the gradient of the output: a gradient for [`ConvNormGradients::conv_norm_backward_input`], and those of weight,
     /// gain and shift.
     fn conv_norm_backward(
         x: FloatTensor<Self>,
@@ -77,19 +79,14 @@ pub trait ConvNormBackend: Backend + ConvBackend + NormBackend {
         shift: FloatTensor<Self>,
         mean: FloatTensor<Self>,
         variance: FloatTensor<Self>,
-        kept: FloatTensor<Self>,
+        saved: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         spec: ConvNormSpec,
-    ) -> (
-        FloatTensor<Self>,
-        FloatTensor<Self>,
-        FloatTensor<Self>,
-        FloatTensor<Self>,
-    ) {
-        reference_backward::<Self>(x, weight, gain, shift, mean, variance, kept, grad, spec)
+    ) -> [FloatTensor<Self>; 4] {
+        reference_backward::<Self>(x, weight, gain, shift, mean, variance, saved, grad, spec)
     }
 
-    /// The gradient of the input from what [`ConvNormBackend::conv_norm_backward`] hands on.
+    /// The gradient of the input from what [`ConvNormGradients::conv_norm_backward`] returns for it.
     fn conv_norm_backward_input(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -103,7 +100,7 @@ pub trait ConvNormBackend: Backend + ConvBackend + NormBackend {
     }
 }
 
-/// One after the other; what is between them is kept.
+/// One after the other; returns the output, and what is between them.
 fn reference<B: ConvNormBackend>(
     x: FloatTensor<B>,
     weight: FloatTensor<B>,
@@ -119,8 +116,7 @@ fn reference<B: ConvNormBackend>(
 }
 
 /// The backward pass of the reference.
-#[expect(clippy::too_many_arguments, reason = "the tensors of two layers")]
-fn reference_backward<B: ConvNormBackend>(
+fn reference_backward<B: ConvNormGradients>(
     x: FloatTensor<B>,
     weight: FloatTensor<B>,
     gain: FloatTensor<B>,
@@ -130,28 +126,22 @@ fn reference_backward<B: ConvNormBackend>(
     between: FloatTensor<B>,
     grad: FloatTensor<B>,
     spec: ConvNormSpec,
-) -> (
-    FloatTensor<B>,
-    FloatTensor<B>,
-    FloatTensor<B>,
-    FloatTensor<B>,
-) {
+) -> [FloatTensor<B>; 4] {
     let norm = spec.norm();
-    let (grad, gain, shift) =
+    let [grad, gain, shift] =
         B::normalise_backward(between, gain, shift, mean, variance, grad, norm);
     let weight = B::conv_backward_weight(x, weight, grad.clone(), spec.conv);
-    (grad, weight, gain, shift)
+    [grad, weight, gain, shift]
 }
-
-#[cfg(feature = "ndarray")]
-impl ConvNormBackend for burn_ndarray::NdArray {}
-
-#[cfg(feature = "wgpu")]
-impl ConvNormBackend for burn_cubecl::CubeBackend {}
 
 /// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]` and normalises the outputs; differentiable
 /// in `x`, `weight`, gain and shift.
-pub fn conv_norm(x: Tensor<4>, weight: Tensor<4>, fixed: Fixed, spec: ConvNormSpec) -> Tensor<4> {
+pub fn conv_norm(
+    x: Tensor<4>,
+    weight: Tensor<4>,
+    fixed: FixedNorm,
+    spec: ConvNormSpec,
+) -> Tensor<4> {
     let (output, _) = Dispatch::conv_norm(
         x.into_dispatch(),
         weight.into_dispatch(),
@@ -168,7 +158,7 @@ pub fn conv_norm(x: Tensor<4>, weight: Tensor<4>, fixed: Fixed, spec: ConvNormSp
 pub fn linear_norm(
     x: Tensor<2>,
     weight: Tensor<2>,
-    fixed: Fixed,
+    fixed: FixedNorm,
     epsilon: f64,
     relu: bool,
 ) -> Tensor<2> {

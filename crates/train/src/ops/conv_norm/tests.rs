@@ -1,6 +1,6 @@
 //! The folded f32 path against burn's own operations in f64, values and gradients, and those against differences.
 
-use super::{ConvNormSpec, Fixed, conv_norm, linear_norm};
+use super::{ConvNormSpec, FixedNorm, conv_norm, linear_norm};
 use crate::ops::conv::ConvSpec;
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc_rng::Rng;
@@ -45,7 +45,7 @@ fn run(
     let weight = images(&arguments[1], [outputs, inputs, taps, taps]).require_grad();
     let (gain, shift) = (vector(&arguments[2]), vector(&arguments[3]));
     let (gain, shift) = (gain.require_grad(), shift.require_grad());
-    let fixed = Fixed {
+    let fixed = FixedNorm {
         gain: gain.clone(),
         shift: shift.clone(),
         mean: vector(&random(outputs, "mean")),
@@ -129,7 +129,7 @@ fn rows_are_pixels() {
         Tensor::<2>::from_data(TensorData::new(values, dims), &device)
     };
     let vector = |values: [f32; 2]| Tensor::<1>::from_data(values, &device);
-    let fixed = Fixed {
+    let fixed = FixedNorm {
         gain: vector([2.0, -1.0]),
         shift: vector([0.5, 1.0]),
         mean: vector([1.0, 0.0]),

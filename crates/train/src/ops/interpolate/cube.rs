@@ -1,7 +1,10 @@
 //! The op on GPUs: a unit for each number of the result, or of the gradient, which sums what it is made of. Burn's own
 //! operations add the rows of a gradient one after the other.
 
-use super::{Cell, Cells, InterpolateBackend, reference, reference_backward};
+use super::{
+    BatchCells, BilinearCell, InterpolateBackend, InterpolateGradients, reference,
+    reference_backward,
+};
 use crate::ops::gpu::{cube, cubes, empty};
 use burn::backend::TensorMetadata as _;
 use burn::backend::ops::{FloatTensorOps, IntTensorOps};
@@ -19,7 +22,7 @@ const CORNERS: usize = 4;
 type Floats = FloatTensor<CubeBackend>;
 
 impl InterpolateBackend for CubeBackend {
-    fn read_between(table: Floats, cells: Cells) -> Floats {
+    fn read_between(table: Floats, cells: BatchCells) -> Floats {
         let shape = table.shape();
         let (rows, channels) = (shape[1], shape[2]);
         let count: usize = cells.iter().map(Vec::len).sum();
@@ -27,8 +30,9 @@ impl InterpolateBackend for CubeBackend {
             return reference::<Self>(table, &cells);
         }
         let table = into_contiguous(table);
-        let row =
-            |image: usize, cell: &Cell| cell.rows.map(|row| (image * rows) as i32 + row as i32);
+        let row = |image: usize, cell: &BilinearCell| {
+            cell.rows.map(|row| (image * rows) as i32 + row as i32)
+        };
         let index = each(&cells, |image, cell| row(image, cell));
         let shares = each(&cells, |_, cell| cell.shares);
         let sums = Sums {
@@ -39,8 +43,10 @@ impl InterpolateBackend for CubeBackend {
         };
         sums.of(&table, channels)
     }
+}
 
-    fn read_between_backward(grad: Floats, shape: [usize; 3], cells: Cells) -> Floats {
+impl InterpolateGradients for CubeBackend {
+    fn read_between_backward(grad: Floats, shape: [usize; 3], cells: BatchCells) -> Floats {
         let [images, rows, channels] = shape;
         if grad.dtype() != DType::F32 || grad.shape().num_elements() == 0 {
             return reference_backward::<Self>(grad, shape, &cells);
@@ -52,7 +58,10 @@ impl InterpolateBackend for CubeBackend {
 }
 
 /// Something of every row of every cell.
-fn each<T: Send>(cells: &Cells, of: impl Fn(usize, &Cell) -> [T; CORNERS] + Sync) -> Vec<T> {
+fn each<T: Send>(
+    cells: &BatchCells,
+    of: impl Fn(usize, &BilinearCell) -> [T; CORNERS] + Sync,
+) -> Vec<T> {
     let images = cells.par_iter().enumerate();
     let of = &of;
     let parts = images.flat_map_iter(|(image, cells)| cells.iter().flat_map(move |c| of(image, c)));
@@ -71,7 +80,7 @@ struct Sums {
 
 impl Sums {
     /// The sums of cells for each of the `rows` of each image that those cells read, in the order of cells.
-    fn transposed(cells: &Cells, rows: usize) -> Self {
+    fn transposed(cells: &BatchCells, rows: usize) -> Self {
         let firsts: Vec<usize> = cells
             .iter()
             .scan(0, |sum, cells| {
@@ -100,7 +109,7 @@ impl Sums {
     }
 
     /// Those of one image, whose cells are counted from `first`.
-    fn of_image(cells: &[Cell], first: usize, rows: usize) -> Self {
+    fn of_image(cells: &[BilinearCell], first: usize, rows: usize) -> Self {
         let mut starts = vec![0_i32; rows + 1];
         for row in cells.iter().flat_map(|cell| cell.rows) {
             starts[row as usize + 1] += 1;

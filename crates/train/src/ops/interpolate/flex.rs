@@ -1,6 +1,6 @@
 //! The op on flex, with all threads: forward in pieces of the cells, backward image by image.
 
-use super::{Cells, InterpolateBackend, reference, reference_backward};
+use super::{BatchCells, InterpolateBackend, InterpolateGradients, reference, reference_backward};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
@@ -9,7 +9,7 @@ use lsdc_kernels::gather::{gather, scatter};
 use rayon::prelude::*;
 
 impl InterpolateBackend for Flex {
-    fn read_between(table: FloatTensor<Self>, cells: Cells) -> FloatTensor<Self> {
+    fn read_between(table: FloatTensor<Self>, cells: BatchCells) -> FloatTensor<Self> {
         if table.dtype() != DType::F32 {
             return reference::<Self>(table, &cells);
         }
@@ -19,22 +19,24 @@ impl InterpolateBackend for Flex {
         let rows = output.len() / channels.max(1);
         FlexTensor::from_data(TensorData::new(output, [rows, channels]))
     }
+}
 
+impl InterpolateGradients for Flex {
     fn read_between_backward(
         grad: FloatTensor<Self>,
         [images, rows, channels]: [usize; 3],
-        cells: Cells,
+        cells: BatchCells,
     ) -> FloatTensor<Self> {
         if grad.dtype() != DType::F32 {
             return reference_backward::<Self>(grad, [images, rows, channels], &cells);
         }
         let grad = grad.to_contiguous();
         let mut shares = Vec::with_capacity(images);
-        let mut rest: &[f32] = grad.storage();
+        let mut remaining: &[f32] = grad.storage();
         for cells in cells.iter() {
-            let (share, other) = rest.split_at(cells.len() * channels);
+            let (share, other) = remaining.split_at(cells.len() * channels);
             shares.push((share, cells));
-            rest = other;
+            remaining = other;
         }
         let mut table = vec![0.0_f32; images * rows * channels];
         table

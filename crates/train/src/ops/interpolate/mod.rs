@@ -11,11 +11,11 @@ mod tests;
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
 use burn::tensor::{IndexingUpdateOp, IntDType, Shape, Tensor, TensorData};
-pub use lsdc_kernels::gather::Cell;
+pub use lsdc_kernels::gather::BilinearCell;
 use std::sync::Arc;
 
 /// Where each image of a batch is read, at equally many places.
-pub type Cells = Arc<Vec<Vec<Cell>>>;
+pub type BatchCells = Arc<Vec<Vec<BilinearCell>>>;
 
 /// Backends that interpolate; the defaults are the plain reference.
 #[backend_extension(
@@ -26,22 +26,25 @@ pub type Cells = Arc<Vec<Vec<Cell>>>;
 )]
 pub trait InterpolateBackend: Backend {
     /// Sums of four rows of `table [images, rows, channels]` for each cell: `[images * cells, channels]`.
-    fn read_between(table: FloatTensor<Self>, cells: Cells) -> FloatTensor<Self> {
+    fn read_between(table: FloatTensor<Self>, cells: BatchCells) -> FloatTensor<Self> {
         reference::<Self>(table, &cells)
     }
+}
 
+/// The gradient of [`InterpolateBackend::read_between`]; the default is the plain reference.
+pub trait InterpolateGradients: InterpolateBackend {
     /// The gradient of a table of `shape` (images, rows, channels) from that of the result.
     fn read_between_backward(
         grad: FloatTensor<Self>,
         shape: [usize; 3],
-        cells: Cells,
+        cells: BatchCells,
     ) -> FloatTensor<Self> {
         reference_backward::<Self>(grad, shape, &cells)
     }
 }
 
 /// The forward pass in burn's own operations.
-fn reference<B: Backend>(table: FloatTensor<B>, cells: &Cells) -> FloatTensor<B> {
+fn reference<B: Backend>(table: FloatTensor<B>, cells: &BatchCells) -> FloatTensor<B> {
     let shape = table.shape();
     let (rows, channels) = (shape[1], shape[2]);
     let table = B::float_reshape(table, Shape::new([shape[0] * rows, channels]));
@@ -56,7 +59,7 @@ fn reference<B: Backend>(table: FloatTensor<B>, cells: &Cells) -> FloatTensor<B>
 fn reference_backward<B: Backend>(
     grad: FloatTensor<B>,
     [images, rows, channels]: [usize; 3],
-    cells: &Cells,
+    cells: &BatchCells,
 ) -> FloatTensor<B> {
     let shape = Shape::new([images * rows, channels]);
     let zeros = B::float_zeros(shape, &grad.device(), grad.dtype().into());
@@ -77,11 +80,11 @@ fn reference_backward<B: Backend>(
 fn corner<B: Backend>(
     like: &FloatTensor<B>,
     rows: usize,
-    cells: &Cells,
+    cells: &BatchCells,
     k: usize,
 ) -> (IntTensor<B>, FloatTensor<B>) {
     let device = like.device();
-    let of = |image: usize, cell: &Cell| (image * rows + cell.rows[k] as usize) as i32;
+    let of = |image: usize, cell: &BilinearCell| (image * rows + cell.rows[k] as usize) as i32;
     let index: Vec<i32> = cells
         .iter()
         .enumerate()
@@ -97,12 +100,9 @@ fn corner<B: Backend>(
     )
 }
 
-#[cfg(feature = "ndarray")]
-impl InterpolateBackend for burn_ndarray::NdArray {}
-
 /// Sums of four rows of `table [images, rows, channels]` for each cell of each image, one image after the other:
 /// `[images * cells, channels]`; differentiable in `table`.
-pub fn interpolate(table: Tensor<3>, cells: Vec<Vec<Cell>>) -> Tensor<2> {
+pub fn interpolate(table: Tensor<3>, cells: Vec<Vec<BilinearCell>>) -> Tensor<2> {
     Tensor::from_dispatch(Dispatch::read_between(
         table.into_dispatch(),
         Arc::new(cells),

@@ -1,6 +1,6 @@
 //! The fast f32 path against burn's own operations in f64, values and gradients.
 
-use super::{Cell, interpolate};
+use super::{BilinearCell, interpolate};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc_rng::Rng;
 
@@ -9,10 +9,10 @@ fn random(count: usize, name: &str) -> Vec<f64> {
     (0..count).map(|_| f64::from(rng.normal())).collect()
 }
 
-/// Cells of an image of `rows` rows, many of which name a row twice.
-fn cells(count: usize, rows: usize, name: &str) -> Vec<Cell> {
+/// The cells of an image of `rows` rows, many of which name a row twice.
+fn cells(count: usize, rows: usize, name: &str) -> Vec<BilinearCell> {
     let mut rng = Rng::stream(0, &["interpolate", name]);
-    let mut cell = || Cell {
+    let mut cell = || BilinearCell {
         rows: std::array::from_fn(|_| rng.below(rows as u32)),
         shares: std::array::from_fn(|_| rng.normal()),
     };

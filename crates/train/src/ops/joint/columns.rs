@@ -5,13 +5,13 @@ use lsdc_core::fit::{CosineBasis, JointConfig};
 
 /// The cosine basis over images of one size, each times such a number that its weight counts as much as those of
 /// basis functions.
-pub(super) struct Columns {
+pub(super) struct CosineColumns {
     cosines: CosineBasis,
     size: (usize, usize),
     scales: Tensor<1>,
 }
 
-impl Columns {
+impl CosineColumns {
     /// `None` without cosines; otherwise where, and of the type that, basis functions are.
     pub(super) fn new(
         config: &JointConfig,
@@ -44,14 +44,14 @@ impl Columns {
         };
         let rows = pixels.iter().flat_map(|list| {
             let places: Vec<_> = list.iter().map(place).collect();
-            self.cosines.beside(&[], 0, self.size, &places)
+            self.cosines.append_to(&[], 0, self.size, &places)
         });
         let points = pixels.first().map_or(0, Vec::len);
         let shape = [pixels.len(), points, self.count()];
         self.constant::<3>(rows.collect(), shape) * self.scales.clone().unsqueeze()
     }
 
-    /// Columns x weights `[maps, cosines]` at every pixel: `[maps, height * width]`.
+    /// Columns of cosines x weights `[maps, cosines]` at every pixel: `[maps, height * width]`.
     pub(super) fn maps(&self, weights: Tensor<2>) -> Tensor<2> {
         let (height, width) = self.size;
         let [maps, cosines] = weights.dims();

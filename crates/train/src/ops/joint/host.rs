@@ -1,9 +1,9 @@
 //! The op on tensors of any backend: read, solve in f64, write back.
 
 use super::problems::{Inner, Problems};
+use crate::ops::host::{read, write};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
-use burn::tensor::{TensorData, try_read_sync};
 use lsdc_core::field::{FieldPrior, Grid};
 use lsdc_core::fit::Adjoint;
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ pub(super) fn forward<B: Backend>(
             width,
             right,
             down,
-            level: config.level,
+            diagonal_regularisation: config.diagonal_regularisation,
         })
         .collect();
     let priors: Vec<Option<FieldPrior>> = grids.par_iter().map(FieldPrior::new).collect();
@@ -66,15 +66,14 @@ pub(super) fn forward<B: Backend>(
     if let Ok(mut place) = problems.0.solved.lock() {
         *place = solved;
     }
-    let data = TensorData::new(result, [count, length]).convert_dtype(dtype);
-    B::float_from_data(data, &device)
+    write::<B>(result, vec![count, length], dtype, &device)
 }
 
 pub(super) fn backward<B: Backend>(
     grad: FloatTensor<B>,
     affinities: FloatTensor<B>,
     problems: &Problems,
-) -> (FloatTensor<B>, FloatTensor<B>) {
+) -> [FloatTensor<B>; 2] {
     let (device, dtype) = (affinities.device(), affinities.dtype());
     let [images, height, width, _] = affinities.shape().dims();
     let [count, length] = grad.shape().dims();
@@ -109,20 +108,8 @@ pub(super) fn backward<B: Backend>(
             .zip(&found.affinities)
             .for_each(|(sum, value)| *sum += value);
     }
-    let write = |values: Vec<f64>, shape: Vec<usize>| {
-        B::float_from_data(TensorData::new(values, shape).convert_dtype(dtype), &device)
-    };
-    (
-        write(bases, vec![count, points, k]),
-        write(joins, vec![images, height, width, 2]),
-    )
-}
-
-/// The values of a tensor; NaN, which the caller's checks see, if the device has been lost.
-fn read<B: Backend>(tensor: FloatTensor<B>) -> Vec<f64> {
-    let count = tensor.shape().num_elements();
-    match try_read_sync(B::float_into_data(tensor)) {
-        Some(Ok(data)) => data.iter::<f64>().collect(),
-        _ => vec![f64::NAN; count],
-    }
+    [
+        write::<B>(bases, vec![count, points, k], dtype, &device),
+        write::<B>(joins, vec![images, height, width, 2], dtype, &device),
+    ]
 }

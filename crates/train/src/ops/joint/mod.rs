@@ -11,11 +11,11 @@ mod tests;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::{Tensor, s};
-use columns::Columns;
+use columns::CosineColumns;
 use lsdc_core::fit::{FitConfig, PriorKind};
 pub use problems::Problems;
 
-/// Backends that fit jointly.
+/// Backends that fit jointly; the default fits on the host.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -31,44 +31,22 @@ pub trait JointBackend: Backend {
         draws: FloatTensor<Self>,
         affinities: FloatTensor<Self>,
         problems: Problems,
-    ) -> FloatTensor<Self>;
+    ) -> FloatTensor<Self> {
+        host::forward::<Self>(bases, depths, draws, affinities, &problems)
+    }
+}
 
+/// The gradients of [`JointBackend::joint`]; the default computes them on the host.
+pub trait JointGradients: JointBackend {
     /// The gradients of `bases` and `affinities` from that of the result.
     fn joint_backward(
         grad: FloatTensor<Self>,
         affinities: FloatTensor<Self>,
         problems: Problems,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+    ) -> [FloatTensor<Self>; 2] {
+        host::backward::<Self>(grad, affinities, &problems)
+    }
 }
-
-macro_rules! on_the_host {
-    ($($backend:ty)?) => {$(
-        impl JointBackend for $backend {
-            fn joint(
-                bases: FloatTensor<Self>,
-                depths: FloatTensor<Self>,
-                draws: FloatTensor<Self>,
-                affinities: FloatTensor<Self>,
-                problems: Problems,
-            ) -> FloatTensor<Self> {
-                host::forward::<Self>(bases, depths, draws, affinities, &problems)
-            }
-
-            fn joint_backward(
-                grad: FloatTensor<Self>,
-                affinities: FloatTensor<Self>,
-                problems: Problems,
-            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-                host::backward::<Self>(grad, affinities, &problems)
-            }
-        }
-    )?};
-}
-
-on_the_host!(burn::backend::Flex);
-
-#[cfg(feature = "ndarray")]
-on_the_host!(burn_ndarray::NdArray);
 
 /// What was fitted to each draw.
 #[derive(Clone, Debug)]
@@ -83,7 +61,7 @@ pub struct JointFit {
 ///
 /// Problem `p` is one of image `p % images`: `bases [problems, points, k]` and `depths [problems,
 /// points]` at candidate points, whose pixels `y * width + x` are `pixels[image]`, all different
-/// where `draws [problems, points]` is above 0. `affinities [images, height, width, 2]` says how
+/// where `draws [problems, points]` is above 0. `affinities [images, height, width, 2]` is how
 /// strongly each pixel is joined to its right and lower neighbour. Cosines are part of the field. Solved
 /// on the host in f64; differentiable in `bases` and `affinities` by the adjoint equations. With the flat prior the
 /// weight of the first basis function is free, otherwise all have the same ridge. A problem without a solution yields
@@ -99,7 +77,7 @@ pub fn joint(
     let config = fit.joint;
     let [count, _, k] = bases.dims();
     let [images, height, width, _] = affinities.dims();
-    let cosines = Columns::new(&config, (height, width), &bases);
+    let cosines = CosineColumns::new(&config, (height, width), &bases);
     let bases = match &cosines {
         None => bases,
         Some(cosines) => {
@@ -116,7 +94,7 @@ pub fn joint(
         affinities.into_dispatch(),
         problems,
     ));
-    let columns = k + cosines.as_ref().map_or(0, Columns::count);
+    let columns = k + cosines.as_ref().map_or(0, CosineColumns::count);
     let field = result.clone().slice(s![.., columns..]);
     JointFit {
         weights: result.clone().slice(s![.., ..k]),
@@ -126,6 +104,3 @@ pub fn joint(
         },
     }
 }
-
-#[cfg(feature = "wgpu")]
-on_the_host!(burn_cubecl::CubeBackend);

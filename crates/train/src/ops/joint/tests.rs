@@ -15,9 +15,9 @@ const IMAGES: usize = 2;
 const DRAWS: usize = 2;
 /// Each part strong enough to show.
 const CONFIG: JointConfig = JointConfig {
-    data: 3.0,
+    observation_precision: 3.0,
     ridge: 0.2,
-    level: 0.01,
+    diagonal_regularisation: 0.01,
     cosines: 1.0,
     surface: false,
     bending: 0.5,
@@ -203,9 +203,9 @@ fn the_sum_is_least(prior: PriorKind) {
     let pixels = HEIGHT * WIDTH;
     let every: Vec<_> = (0..pixels).map(place).collect();
     let columns = 3 + cosines.len();
-    let functions = cosines.beside(&bases_at(&every), 3, (HEIGHT, WIDTH), &every);
+    let functions = cosines.append_to(&bases_at(&every), 3, (HEIGHT, WIDTH), &every);
     let size = pixels + columns;
-    let mut precision = precision(&affinities(), CONFIG.level, size);
+    let mut precision = precision(&affinities(), CONFIG.diagonal_regularisation, size);
     let ridges = cosines.ridges(CONFIG.bending);
     let first = match prior {
         PriorKind::Flat => 0.0,
@@ -222,8 +222,8 @@ fn the_sum_is_least(prior: PriorKind) {
             None => f64::from(i == pixel),
             Some(function) => f64::from(functions[columns * pixel + function]),
         });
-        precision += faer::Scale(CONFIG.data) * &row * row.transpose();
-        right += faer::Scale(CONFIG.data * f64::from(depth)) * &row;
+        precision += faer::Scale(CONFIG.observation_precision) * &row * row.transpose();
+        right += faer::Scale(CONFIG.observation_precision * f64::from(depth)) * &row;
     }
     let least = precision.llt(Side::Lower).unwrap().solve(&right);
     for (i, found) in weights.iter().enumerate() {

@@ -83,7 +83,7 @@ pub(super) fn backward<B: Backend>(
     (solution, factor): (FloatTensor<B>, FloatTensor<B>),
     grad: FloatTensor<B>,
     solver: Solver,
-) -> (FloatTensor<B>, FloatTensor<B>) {
+) -> [FloatTensor<B>; 2] {
     let shape = bases.shape();
     let (batch, n, k) = (shape[0], shape[1], shape[2]);
     let Scaled {
@@ -117,10 +117,10 @@ pub(super) fn backward<B: Backend>(
             (v, B::float_mul(bases.clone(), shrink))
         }
         Solver::Truncated(_) => {
-            let kept = projected::<B>(&factor, &g);
-            let v = refined(&kept);
+            let retained = projected::<B>(&factor, &g);
+            let v = refined(&retained);
             let u = product(&bases, &refined(&x));
-            let left = B::float_sub(g.clone(), kept);
+            let left = B::float_sub(g.clone(), retained);
             (v, product(&u, &transposed(&left)))
         }
     };
@@ -132,10 +132,10 @@ pub(super) fn backward<B: Backend>(
         ),
         extra,
     );
-    (
+    [
         B::float_mul(bases, roots.clone()),
         B::float_reshape(B::float_mul(q, roots), Shape::from([batch, n])),
-    )
+    ]
 }
 
 /// The part of `g [batch, k, 1]` within the directions that were kept: those of the columns of K,
@@ -144,14 +144,14 @@ fn projected<B: Backend>(factor: &FloatTensor<B>, g: &FloatTensor<B>) -> FloatTe
     let k = factor.shape()[2] as f64;
     let squares = B::float_sum_dim(B::float_mul(factor.clone(), factor.clone()), 1);
     // 1 for columns that were kept, 0 for others.
-    let kept = B::float_sign(squares.clone());
-    let left = B::float_add_scalar(B::float_neg(kept.clone()), 1.0.into());
+    let retained = B::float_sign(squares.clone());
+    let left = B::float_add_scalar(B::float_neg(retained.clone()), 1.0.into());
     let norms = B::float_sqrt(B::float_add(squares, left));
     let directions = B::float_div(factor.clone(), norms);
     let along = B::float_matmul(B::float_swap_dims(directions.clone(), 1, 2), g.clone());
     let within = B::float_matmul(directions, along);
     // 1 where all were kept, 0 elsewhere.
-    let all = B::float_add_scalar(B::float_sum_dim(kept, 2), (1.0 - k).into());
+    let all = B::float_add_scalar(B::float_sum_dim(retained, 2), (1.0 - k).into());
     let all = B::float_clamp_min(all, 0.0.into());
     B::float_add(
         within.clone(),

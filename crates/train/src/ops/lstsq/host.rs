@@ -1,8 +1,8 @@
 //! The op on tensors of any backend: read, solve in f64, write back.
 
+use crate::ops::host::{read, write};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
-use burn::tensor::{DType, TensorData, try_read_sync};
 use lsdc_core::fit::{Problem, Solver};
 use rayon::prelude::*;
 
@@ -73,7 +73,7 @@ pub(super) fn backward<B: Backend>(
     weights: FloatTensor<B>,
     grad: FloatTensor<B>,
     solver: Solver,
-) -> (FloatTensor<B>, FloatTensor<B>) {
+) -> [FloatTensor<B>; 2] {
     let device = bases.device();
     let (dtype, shape) = (bases.dtype(), bases.shape());
     let batch = read_batch::<B>(bases, depths, weights);
@@ -90,10 +90,10 @@ pub(super) fn backward<B: Backend>(
         )
         .unzip();
     let depth_shape = vec![shape[0], shape[1]];
-    (
+    [
         write::<B>(bases.concat(), shape.to_vec(), dtype, &device),
         write::<B>(depths.concat(), depth_shape, dtype, &device),
-    )
+    ]
 }
 
 fn read_batch<B: Backend>(
@@ -109,22 +109,4 @@ fn read_batch<B: Backend>(
         depths: read::<B>(depths),
         weights: read::<B>(weights),
     }
-}
-
-/// The values of a tensor; NaN, which the caller's checks see, if the device has been lost.
-fn read<B: Backend>(tensor: FloatTensor<B>) -> Vec<f64> {
-    let count = tensor.shape().num_elements();
-    match try_read_sync(B::float_into_data(tensor)) {
-        Some(Ok(data)) => data.iter::<f64>().collect(),
-        _ => vec![f64::NAN; count],
-    }
-}
-
-fn write<B: Backend>(
-    values: Vec<f64>,
-    shape: Vec<usize>,
-    dtype: DType,
-    device: &B::Device,
-) -> FloatTensor<B> {
-    B::float_from_data(TensorData::new(values, shape).convert_dtype(dtype), device)
 }

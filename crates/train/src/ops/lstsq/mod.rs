@@ -18,7 +18,7 @@ use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
 use lsdc_core::fit::Solver;
 
-/// Backends that solve.
+/// Backends that solve; the default solves on the host.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -44,8 +44,13 @@ pub trait LstsqBackend: Backend {
         depths: FloatTensor<Self>,
         weights: FloatTensor<Self>,
         solver: Solver,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        host::forward::<Self>(bases, depths, weights, solver)
+    }
+}
 
+/// The gradients of [`LstsqBackend::lstsq`]; the default computes them on the host.
+pub trait LstsqGradients: LstsqBackend {
     /// The gradients of `bases` and `depths` from that of the solution.
     fn lstsq_backward(
         bases: FloatTensor<Self>,
@@ -55,41 +60,11 @@ pub trait LstsqBackend: Backend {
         factor: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         solver: Solver,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+    ) -> [FloatTensor<Self>; 2] {
+        let _ = (solution, factor);
+        host::backward::<Self>(bases, depths, weights, grad, solver)
+    }
 }
-
-/// Reads the tensors, solves on the host and writes back.
-macro_rules! on_the_host {
-    ($backend:ty) => {
-        impl LstsqBackend for $backend {
-            fn lstsq_factor(
-                bases: FloatTensor<Self>,
-                depths: FloatTensor<Self>,
-                weights: FloatTensor<Self>,
-                solver: Solver,
-            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-                host::forward::<Self>(bases, depths, weights, solver)
-            }
-
-            fn lstsq_backward(
-                bases: FloatTensor<Self>,
-                depths: FloatTensor<Self>,
-                weights: FloatTensor<Self>,
-                _: FloatTensor<Self>,
-                _: FloatTensor<Self>,
-                grad: FloatTensor<Self>,
-                solver: Solver,
-            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-                host::backward::<Self>(bases, depths, weights, grad, solver)
-            }
-        }
-    };
-}
-
-on_the_host!(burn::backend::Flex);
-
-#[cfg(feature = "ndarray")]
-on_the_host!(burn_ndarray::NdArray);
 
 /// Minimises `sum_i weights_i (depths_i - bases_i . x)^2` for every image of a batch.
 ///
@@ -105,7 +80,7 @@ pub fn lstsq(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: So
     ))
 }
 
-/// Solutions, and what tells how they were found.
+/// Solutions, and the factor of the covariance.
 #[derive(Clone, Debug)]
 pub struct Factored {
     /// As of [`lstsq`], `[batch, k]`, without its history.
@@ -134,8 +109,8 @@ impl Factored {
     pub fn ranks(&self) -> Vec<usize> {
         let [batch, k, _] = self.factor.dims();
         let largest = self.factor.clone().abs().max_dim(1).reshape([batch * k]);
-        let kept: Vec<bool> = largest.into_data().iter::<f32>().map(|v| v > 0.0).collect();
-        let count = |some: &[bool]| some.iter().filter(|kept| **kept).count();
-        kept.chunks(k.max(1)).map(count).collect()
+        let retained: Vec<bool> = largest.into_data().iter::<f32>().map(|v| v > 0.0).collect();
+        let count = |some: &[bool]| some.iter().filter(|retained| **retained).count();
+        retained.chunks(k.max(1)).map(count).collect()
     }
 }

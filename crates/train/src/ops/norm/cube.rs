@@ -1,6 +1,8 @@
 //! The op on GPUs: a pass over the values for each of its parts, where burn's own operations take one for each of theirs.
 
-use super::{NormBackend, NormSpec, reference, reference_backward, reference_moments};
+use super::{
+    NormBackend, NormGradients, NormSpec, reference, reference_backward, reference_moments,
+};
 use crate::ops::gpu::{UNITS, cube, cubes, empty, sum_of_parts};
 use burn::backend::TensorMetadata as _;
 use burn::backend::ops::FloatTensorOps;
@@ -116,7 +118,9 @@ impl NormBackend for CubeBackend {
         );
         result
     }
+}
 
+impl NormGradients for CubeBackend {
     fn normalise_backward(
         x: Floats,
         gain: Floats,
@@ -125,7 +129,7 @@ impl NormBackend for CubeBackend {
         variance: Floats,
         grad: Floats,
         spec: NormSpec,
-    ) -> (Floats, Floats, Floats) {
+    ) -> [Floats; 3] {
         let Some(extent) = Extent::of(&x) else {
             return reference_backward::<Self>(x, gain, shift, mean, variance, grad, spec);
         };
@@ -175,7 +179,7 @@ impl NormBackend for CubeBackend {
                 Shape::new([channels]),
             )
         };
-        (result, row(1), row(0))
+        [result, row(1), row(0)]
     }
 }
 

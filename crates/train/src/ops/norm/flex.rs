@@ -1,11 +1,13 @@
 //! The op on flex: one pass over memory forward, two backward, with all threads.
 
-use super::{NormBackend, NormSpec, reference, reference_backward, reference_moments};
+use super::{
+    NormBackend, NormGradients, NormSpec, reference, reference_backward, reference_moments,
+};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
 use burn_flex::FlexTensor;
-use lsdc_kernels::norm::{self as rows, Backward, Lines};
+use lsdc_kernels::norm::{self as rows, Backward, ChannelAffine};
 
 impl NormBackend for Flex {
     fn moments(x: FloatTensor<Self>) -> (FloatTensor<Self>, FloatTensor<Self>) {
@@ -32,11 +34,13 @@ impl NormBackend for Flex {
             [x, gain, shift, mean, variance].map(|t| t.to_contiguous());
         let (gain, shift) = (gain.storage(), shift.storage());
         let (mean, variance) = (mean.storage(), variance.storage());
-        let lines = Lines::new(gain, shift, mean, variance, spec.epsilon);
-        let output = rows::normalise(x.storage(), &lines, spec.relu);
+        let affine = ChannelAffine::new(gain, shift, mean, variance, spec.epsilon);
+        let output = rows::normalise(x.storage(), &affine, spec.relu);
         FlexTensor::from_data(TensorData::new(output, x.shape().to_vec()))
     }
+}
 
+impl NormGradients for Flex {
     fn normalise_backward(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
@@ -45,7 +49,7 @@ impl NormBackend for Flex {
         variance: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         spec: NormSpec,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+    ) -> [FloatTensor<Self>; 3] {
         if x.dtype() != DType::F32 {
             return reference_backward::<Self>(x, gain, shift, mean, variance, grad, spec);
         }
@@ -54,20 +58,18 @@ impl NormBackend for Flex {
         let (gain, shift) = (gain.storage(), shift.storage());
         let (mean, variance) = (mean.storage::<f32>(), variance.storage());
         let back = Backward {
-            lines: &Lines::new(gain, shift, mean, variance, spec.epsilon),
-            standard: &Lines::standard(mean, variance, spec.epsilon),
+            affine: &ChannelAffine::new(gain, shift, mean, variance, spec.epsilon),
+            standard: &ChannelAffine::standard(mean, variance, spec.epsilon),
             relu: spec.relu,
         };
         let (values, grads) = (x.storage::<f32>(), grad.storage());
-        let (gain_grad, shift_grad) = back.sums(values, grads);
+        let (gain_grad, shift_grad) = back.parameter_gradients(values, grads);
         let rows = values.len() / channels(&x).max(1);
-        let common = Backward::common(&gain_grad, &shift_grad, rows);
-        let input_grad = back.input(values, grads, spec.own.then_some(&common));
-        (
-            FlexTensor::from_data(TensorData::new(input_grad, x.shape().to_vec())),
-            vector(gain_grad),
-            vector(shift_grad),
-        )
+        let statistics = Backward::through_statistics(&gain_grad, &shift_grad, rows);
+        let statistics = spec.own.then_some(&statistics);
+        let input_grad = back.input_gradient(values, grads, statistics);
+        let x_grad = FlexTensor::from_data(TensorData::new(input_grad, x.shape().to_vec()));
+        [x_grad, vector(gain_grad), vector(shift_grad)]
     }
 }
 
@@ -75,7 +77,7 @@ fn channels(x: &FlexTensor) -> usize {
     x.shape().last().copied().unwrap_or(1)
 }
 
-fn vector(values: Vec<f32>) -> FlexTensor {
+pub(in crate::ops) fn vector(values: Vec<f32>) -> FlexTensor {
     let length = values.len();
     FlexTensor::from_data(TensorData::new(values, [length]))
 }

@@ -8,6 +8,8 @@ mod flex;
 #[cfg(test)]
 mod tests;
 
+pub(super) use flex::vector;
+
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
 use burn::tensor::{Shape, Tensor};
@@ -37,7 +39,7 @@ pub trait NormBackend: Backend {
     }
 
     /// `(x - mean) / sqrt(variance + epsilon) * gain + shift`, per channel of
-    /// `x [.., channels]`, then the ReLU if asked for.
+    /// `x [.., channels]`, then the ReLU if `relu`.
     fn normalise(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
@@ -48,7 +50,10 @@ pub trait NormBackend: Backend {
     ) -> FloatTensor<Self> {
         reference::<Self>(x, gain, shift, mean, variance, spec)
     }
+}
 
+/// The gradients of [`NormBackend::normalise`]; the default is the plain reference.
+pub trait NormGradients: NormBackend {
     /// The gradients of `x`, `gain` and `shift` from that of the output.
     fn normalise_backward(
         x: FloatTensor<Self>,
@@ -58,7 +63,7 @@ pub trait NormBackend: Backend {
         variance: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         spec: NormSpec,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+    ) -> [FloatTensor<Self>; 3] {
         reference_backward::<Self>(x, gain, shift, mean, variance, grad, spec)
     }
 }
@@ -108,7 +113,7 @@ fn reference_backward<B: Backend>(
     variance: FloatTensor<B>,
     grad: FloatTensor<B>,
     spec: NormSpec,
-) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
+) -> [FloatTensor<B>; 3] {
     let shape = x.shape();
     let (x, grad) = (rows_of::<B>(x), rows_of::<B>(grad));
     let norm = |x, shift| {
@@ -136,7 +141,7 @@ fn reference_backward<B: Backend>(
     );
     if spec.own {
         let x_grad = B::float_reshape(back.x_grad, shape);
-        return (x_grad, back.gamma_grad, back.beta_grad);
+        return [x_grad, back.gamma_grad, back.beta_grad];
     }
     // With fixed statistics the input only passes through the slope.
     let zeros = |t: &FloatTensor<B>| B::float_zeros(t.shape(), &t.device(), t.dtype().into());
@@ -148,15 +153,9 @@ fn reference_backward<B: Backend>(
         variance.clone(),
         spec.epsilon,
     );
-    (
-        B::float_reshape(through, shape),
-        back.gamma_grad,
-        back.beta_grad,
-    )
+    let x_grad = B::float_reshape(through, shape);
+    [x_grad, back.gamma_grad, back.beta_grad]
 }
-
-#[cfg(feature = "ndarray")]
-impl NormBackend for burn_ndarray::NdArray {}
 
 /// Mean and biased variance `[channels]` of `x [.., channels]`; not differentiated.
 pub fn moments<const D: usize>(x: Tensor<D>) -> (Tensor<1>, Tensor<1>) {

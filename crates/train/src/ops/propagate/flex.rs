@@ -1,6 +1,6 @@
 //! The op on flex, image by image, each with all threads.
 
-use super::{NEIGHBOURS, Plain, PropagateBackend};
+use super::{NEIGHBOURS, Plain, PropagateBackend, PropagateGradients};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
@@ -34,14 +34,16 @@ impl PropagateBackend for Flex {
         }
         FlexTensor::from_data(TensorData::new(output, [n, height, width]))
     }
+}
 
+impl PropagateGradients for Flex {
     fn spread_backward(
         weights: FloatTensor<Self>,
         start: FloatTensor<Self>,
         known: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         steps: usize,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+    ) -> [FloatTensor<Self>; 2] {
         if start.dtype() != DType::F32 {
             return Plain::<Self>::new(weights, start, known).backward(grad, steps);
         }
@@ -66,7 +68,7 @@ impl PropagateBackend for Flex {
         }
         let weights = TensorData::new(of_weights, [n, height, width, NEIGHBOURS]);
         let start = TensorData::new(of_start, [n, height, width]);
-        (FlexTensor::from_data(weights), FlexTensor::from_data(start))
+        [weights, start].map(FlexTensor::from_data)
     }
 }
 

@@ -30,7 +30,10 @@ pub trait PropagateBackend: Backend {
     ) -> FloatTensor<Self> {
         Plain::<Self>::new(weights, start, known).run(steps).1
     }
+}
 
+/// The gradients of [`PropagateBackend::spread`]; the default is the plain reference.
+pub trait PropagateGradients: PropagateBackend {
     /// The gradients of `weights` and `start` from that of the result.
     fn spread_backward(
         weights: FloatTensor<Self>,
@@ -38,7 +41,7 @@ pub trait PropagateBackend: Backend {
         known: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         steps: usize,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+    ) -> [FloatTensor<Self>; 2] {
         Plain::<Self>::new(weights, start, known).backward(grad, steps)
     }
 }
@@ -48,11 +51,11 @@ struct Plain<B: Backend> {
     /// `[n, h, w]` for each neighbour.
     weights: Vec<FloatTensor<B>>,
     /// What they leave of 1.
-    rest: FloatTensor<B>,
+    start_weight: FloatTensor<B>,
     start: FloatTensor<B>,
     known: FloatTensor<B>,
     /// 1 where nothing is known, else 0.
-    open: FloatTensor<B>,
+    unknown: FloatTensor<B>,
 }
 
 impl<B: Backend> Plain<B> {
@@ -67,14 +70,14 @@ impl<B: Backend> Plain<B> {
         let weights: Vec<_> = (0..NEIGHBOURS).map(of).collect();
         let ones = B::float_ones(shape, &start.device(), start.dtype().into());
         let sum = |sum, weight: &FloatTensor<B>| B::float_sub(sum, weight.clone());
-        let rest = weights.iter().fold(ones.clone(), sum);
-        let open = B::float_sub(ones, B::float_sign(known.clone()));
+        let start_weight = weights.iter().fold(ones.clone(), sum);
+        let unknown = B::float_sub(ones, B::float_sign(known.clone()));
         Self {
             weights,
-            rest,
+            start_weight,
             start,
             known,
-            open,
+            unknown,
         }
     }
 
@@ -95,18 +98,18 @@ impl<B: Backend> Plain<B> {
         let mut map = self.start.clone();
         for _ in 0..steps {
             states.push(map.clone());
-            let own = B::float_mul(self.rest.clone(), self.start.clone());
+            let own = B::float_mul(self.start_weight.clone(), self.start.clone());
             let pairs = self.weights.iter().zip(OFFSETS);
             let sum = pairs.fold(own, |sum, (weight, offset)| {
                 let neighbour = Self::shifted(map.clone(), offset);
                 B::float_add(sum, B::float_mul(weight.clone(), neighbour))
             });
-            map = B::float_add(B::float_mul(sum, self.open.clone()), self.known.clone());
+            map = B::float_add(B::float_mul(sum, self.unknown.clone()), self.known.clone());
         }
         (states, map)
     }
 
-    fn backward(&self, grad: FloatTensor<B>, steps: usize) -> (FloatTensor<B>, FloatTensor<B>) {
+    fn backward(&self, grad: FloatTensor<B>, steps: usize) -> [FloatTensor<B>; 2] {
         let (states, _) = self.run(steps);
         let shape = self.start.shape();
         let zeros = || B::float_zeros(shape.clone(), &grad.device(), grad.dtype().into());
@@ -114,8 +117,11 @@ impl<B: Backend> Plain<B> {
         let mut of_start = zeros();
         let mut gradient = grad.clone();
         for state in states.into_iter().rev() {
-            let own = B::float_mul(gradient, self.open.clone());
-            of_start = B::float_add(of_start, B::float_mul(own.clone(), self.rest.clone()));
+            let own = B::float_mul(gradient, self.unknown.clone());
+            of_start = B::float_add(
+                of_start,
+                B::float_mul(own.clone(), self.start_weight.clone()),
+            );
             gradient = zeros();
             for (k, (rows, columns)) in OFFSETS.into_iter().enumerate() {
                 let neighbour = Self::shifted(state.clone(), (rows, columns));
@@ -131,15 +137,9 @@ impl<B: Backend> Plain<B> {
             .into_iter()
             .map(|map| B::float_reshape(map, flat.clone()));
         let of_weights = B::float_cat(of_weights.collect(), 3);
-        (of_weights, B::float_add(of_start, gradient))
+        [of_weights, B::float_add(of_start, gradient)]
     }
 }
-
-#[cfg(feature = "ndarray")]
-impl PropagateBackend for burn_ndarray::NdArray {}
-
-#[cfg(feature = "wgpu")]
-impl PropagateBackend for burn_cubecl::CubeBackend {}
 
 /// Propagates `start [n, height, width]` with `weights [n, height, width, 8]` (of the neighbours in [`OFFSETS`]; what
 /// they leave of 1 is the weight of the start) in so many steps, after each of which the pixels of `known` above 0

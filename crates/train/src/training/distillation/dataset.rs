@@ -1,4 +1,4 @@
-//! What a trained network says of training frames: depth where none was measured.
+//! Teacher predictions of training frames: depth at pixels without measurements.
 
 use crate::predict::completer;
 use crate::sample::F16Cache;
@@ -28,7 +28,7 @@ pub enum DistillTarget {
     All,
     /// The teacher's depths of images that have none; other frames keep their holes.
     Images,
-    /// Measured depths alone: the teacher is asked for no depths, and only its network is compared with.
+    /// Measured depths alone: the teacher predicts no depths, and only its network is compared with.
     Measured,
 }
 
@@ -47,8 +47,8 @@ pub struct TeacherConfig {
     /// The ratio of its standard deviation to its depth at which an error counts half: one of r times that counts
     /// 1 / (1 + r^2). Errors at measured depths count 1.
     pub tolerance: f32,
-    /// The folder where its answers are kept, for any number of runs: 4 bytes per pixel of a scaled frame. Absent:
-    /// it is asked once in every run.
+    /// The folder of cached predictions, for any number of runs: 4 bytes per pixel of a scaled frame. Absent: they are
+    /// computed in every run.
     pub folder: Option<PathBuf>,
 }
 
@@ -77,8 +77,8 @@ impl TeacherConfig {
         Err(Error::config("`train.teacher.tolerance` must be above 0"))
     }
 
-    /// What its answers depend on beside the frames: the weights, the fit, and the numerics of the program. Answers are
-    /// rounded to half precision, so machines with other instruction sets share them.
+    /// What its predictions depend on beside the frames: the weights, the fit, and the numerics of the program.
+    /// Predictions are rounded to half precision, so machines with other instruction sets share them.
     ///
     /// # Errors
     /// Weights that cannot be read, or a fit out of range.
@@ -122,9 +122,9 @@ impl DistilledDataset {
 }
 
 impl Dataset for DistilledDataset {
-    fn about(&self) -> String {
+    fn description(&self) -> String {
         let weights = self.teacher.config.weights.display();
-        format!("{}, completed by `{weights}`", self.frames.about())
+        format!("{}, completed by `{weights}`", self.frames.description())
     }
 
     fn len(&self) -> usize {
@@ -141,7 +141,7 @@ impl Dataset for DistilledDataset {
 
     fn load(&self, index: usize) -> Result<Frame> {
         self.teacher
-            .teach(self.protocol.scale(&self.frames.load(index)?)?)
+            .distilled(self.protocol.scale(&self.frames.load(index)?)?)
     }
 }
 
@@ -150,45 +150,37 @@ struct Teacher {
     config: TeacherConfig,
     /// Changes with the teacher.
     identity: String,
-    kept: F16Cache,
-}
-
-/// Depths and their standard deviations in metres, row by row.
-struct Answer {
-    depths: Vec<f32>,
-    deviations: Vec<f32>,
+    cache: F16Cache,
 }
 
 impl Teacher {
     fn new(config: &TeacherConfig) -> Result<Self> {
-        // Asked by the threads that load frames, whatever the device of the training.
+        // Run by the threads that load frames, whatever the device of the training.
         let completer = completer(&open_weights(Some(&config.weights))?, &Device::flex())?;
         let fit = config.fit.over(completer.fit_config())?;
         Ok(Self {
             completer: completer.with_fit(fit),
             identity: config.identity()?.to_string(),
-            kept: F16Cache::new(config.folder.clone()),
+            cache: F16Cache::new(config.folder.clone()),
             config: config.clone(),
         })
     }
 
-    /// Gives a frame depths at every pixel and a target, if the teacher is to be asked about it.
-    fn teach(&self, mut frame: Frame) -> Result<Frame> {
+    /// Gives a frame depths at every pixel and a target, if the target needs predictions for it.
+    fn distilled(&self, mut frame: Frame) -> Result<Frame> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
-        let (count, fill) = (
-            frame.depth.count(),
-            self.config.target != DistillTarget::All,
-        );
-        let asked = match self.config.target {
+        let count = frame.depth.count();
+        let fill = self.config.target != DistillTarget::All;
+        let predicts = match self.config.target {
             DistillTarget::All => true,
             DistillTarget::Fill => count < width * height,
             DistillTarget::Images => count == 0,
             DistillTarget::Measured => false,
         };
-        if !asked {
+        if !predicts {
             return Ok(frame);
         }
-        let Answer { depths, deviations } = self.answer(&frame)?;
+        let (depths, deviations) = self.predicted(&frame)?;
         let measured = frame.depth.values();
         let pairs = measured.iter().zip(&depths);
         let filled: Vec<f32> = pairs.map(|(&m, &d)| if m > 0.0 { m } else { d }).collect();
@@ -215,7 +207,8 @@ impl Teacher {
         Ok(frame)
     }
 
-    fn answer(&self, frame: &Frame) -> Result<Answer> {
+    /// Depths and their standard deviations in metres, row by row.
+    fn predicted(&self, frame: &Frame) -> Result<(Vec<f32>, Vec<f32>)> {
         let points = match self.config.points {
             // The same in every run.
             Some(count) => Pattern::Exactly(count).draw(frame, 0)?,
@@ -224,18 +217,18 @@ impl Teacher {
         let pixels = points.values().len();
         let key = self.key(frame, &points);
         let mut depths = self
-            .kept
+            .cache
             .get(key, 2 * pixels, || self.compute(frame, &points))?;
         let deviations = depths.split_off(pixels);
-        Ok(Answer { depths, deviations })
+        Ok((depths, deviations))
     }
 
     /// Depths, then standard deviations. Of an image without depths, what the teacher makes of a single one in its
     /// centre, with a mean depth of 1: results do not depend on scale.
     fn compute(&self, frame: &Frame, points: &DepthMap) -> Result<Vec<f32>> {
         let (width, height) = (points.width(), points.height());
-        let alone = points.count() == 0;
-        let observed = if alone {
+        let without_points = points.count() == 0;
+        let observed = if without_points {
             let mut values = vec![0.0; width * height];
             values[height / 2 * width + width / 2] = 1.0;
             &DepthMap::new(width, height, values)?
@@ -250,7 +243,7 @@ impl Teacher {
         let deviation = found.standard_deviation().map_err(|e| located(e.into()))?;
         let depth = found.depth()?;
         let mut values = [depth.values(), deviation.values()].concat();
-        if alone {
+        if without_points {
             let sum: f64 = depth.values().iter().map(|&d| f64::from(d)).sum();
             let mean = (sum / (width * height) as f64) as f32;
             for value in &mut values {
@@ -260,7 +253,7 @@ impl Teacher {
         Ok(values)
     }
 
-    /// A number that changes with everything that an answer depends on.
+    /// A number that changes with everything that a prediction depends on.
     fn key(&self, frame: &Frame, points: &DepthMap) -> u64 {
         let depths = points.values().iter().flat_map(|d| d.to_le_bytes());
         let depths: Vec<u8> = depths.collect();
@@ -312,7 +305,7 @@ mod tests {
     }
 
     fn taught(config: &TeacherConfig, frame: Frame) -> Frame {
-        Teacher::new(config).unwrap().teach(frame).unwrap()
+        Teacher::new(config).unwrap().distilled(frame).unwrap()
     }
 
     /// Within the 11 bits of half precision.

@@ -7,7 +7,7 @@ use crate::training::LossConfig;
 use burn::tensor::Tensor;
 use lsdc_core::fit::Solver;
 
-/// Pixels of an image at which basis functions are compared, at most about: of neighbours, each says little more.
+/// Pixels of an image at which basis functions are compared, at most about: neighbours add little.
 const PIXELS: usize = 4096;
 /// The ridge of the regression, relative to the mean square of the student's functions.
 const RIDGE: f64 = 1e-4;
@@ -45,8 +45,8 @@ impl TeacherOutput {
 
     /// What is added to the loss for affinities `[images, height, width, 2]`.
     pub(crate) fn affinity_loss(&self, own: &Tensor<4>, config: &LossConfig) -> Option<Tensor<1>> {
-        let shown = self.affinities.clone()?;
-        Some(unlike(own.clone(), shown) * config.teacher_affinities)
+        let teacher = self.affinities.clone()?;
+        Some(log_ratio_square(own.clone(), teacher) * config.teacher_affinities)
     }
 
     /// What is added to the loss for the basis functions at all pixels of the batch, whose depths are `[images,
@@ -57,15 +57,15 @@ impl TeacherOutput {
         depths: &Tensor<2>,
         config: &LossConfig,
     ) -> Option<Tensor<1>> {
-        let (shown, step) = self.functions.clone()?;
+        let (teacher, step) = self.functions.clone()?;
         let own = own.every(step).functions();
         let depths = every(depths.clone(), step);
-        Some(unspanned(own, shown, depths.greater_elem(0.0).float()) * config.teacher_span)
+        Some(span_residual(own, teacher, depths.greater_elem(0.0).float()) * config.teacher_span)
     }
 }
 
 /// The mean over pairs of neighbours of `ln(a / b)^2` for affinities a and b `[images, height, width, 2]`.
-fn unlike(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
+fn log_ratio_square(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
     let [images, height, width, _] = a.dims();
     let squares = (a.log() - b.log()).square();
     // What a pixel at the border has beyond it does not count.
@@ -84,10 +84,10 @@ fn unlike(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
 ///
 /// r being [`RIDGE`] times the mean of `|S_i|^2`. From 0, if S spans T, to 1, whatever the scales of the functions of T.
 /// Differentiable in S.
-fn unspanned(own: Tensor<3>, shown: Tensor<3>, valid: Tensor<2>) -> Tensor<1> {
+fn span_residual(own: Tensor<3>, teacher: Tensor<3>, valid: Tensor<2>) -> Tensor<1> {
     let [images, pixels, count] = own.dims();
     let rows = valid.clone().reshape([images, pixels, 1]);
-    let (own, shown) = (own * rows.clone(), shown * rows);
+    let (own, teacher) = (own * rows.clone(), teacher * rows);
     // The minimum does not change with the weights at which it is taken, which therefore are constants.
     let fixed = own.clone().detach();
     let factor = Factored::new(
@@ -97,13 +97,13 @@ fn unspanned(own: Tensor<3>, shown: Tensor<3>, valid: Tensor<2>) -> Tensor<1> {
         Solver::Ridge(RIDGE),
     )
     .factor;
-    let right = fixed.swap_dims(1, 2).matmul(shown.clone());
+    let right = fixed.swap_dims(1, 2).matmul(teacher.clone());
     let weights = factor.clone().matmul(factor.swap_dims(1, 2).matmul(right));
-    let residual = own.clone().matmul(weights.clone()) - shown.clone();
+    let residual = own.clone().matmul(weights.clone()) - teacher.clone();
     let ridge = own.square().sum_dim(2).sum_dim(1) * (RIDGE / count as f64);
     let left = residual.square().sum_dim(1) + weights.square().sum_dim(1) * ridge;
     // Functions that are 0 everywhere have nothing left.
-    let all = shown.square().sum_dim(1).clamp_min(1e-12);
+    let all = teacher.square().sum_dim(1).clamp_min(1e-12);
     (left / all).mean()
 }
 
@@ -153,16 +153,16 @@ mod tests {
         // degrees, and (0, 5).
         let own = tensor(&[0.0, 2.0], [1, 2, 1], &device);
         let sine = 0.75_f64.sqrt();
-        let shown = tensor(&[4.0, 3.0 * sine, 0.0, 0.0, 1.5, 5.0], [1, 2, 3], &device);
+        let teacher = tensor(&[4.0, 3.0 * sine, 0.0, 0.0, 1.5, 5.0], [1, 2, 3], &device);
         let valid = tensor(&[1.0; 2], [1, 2], &device);
         // The ridge is 1e-4 times the square of the only function.
         let kept = 1.0 / (1.0 + RIDGE);
         let expected = (1.0 + (1.0 - 0.25 * kept) + (1.0 - kept)) / 3.0;
-        let found = scalar(unspanned(own.clone(), shown.clone(), valid));
+        let found = scalar(span_residual(own.clone(), teacher.clone(), valid));
         assert!((found - expected).abs() < 1e-9, "{found} {expected}");
         // Pixels that are not valid do not count: without the second, nothing is represented but what is 0.
         let first = tensor(&[1.0, 0.0], [1, 2], &device);
-        let found = scalar(unspanned(own, shown, first));
+        let found = scalar(span_residual(own, teacher, first));
         assert!((found - 2.0 / 3.0).abs() < 1e-9, "{found}");
     }
 
@@ -172,19 +172,19 @@ mod tests {
         let own = tensor(&random(2 * 30 * 4, "own"), [2, 30, 4], &device);
         let mixing = tensor(&random(2 * 4 * 6, "mixing"), [2, 4, 6], &device) * 50.0;
         let valid = tensor(&[1.0; 60], [2, 30], &device);
-        let found = scalar(unspanned(own.clone(), own.matmul(mixing), valid));
+        let found = scalar(span_residual(own.clone(), own.matmul(mixing), valid));
         assert!((0.0..1e-3).contains(&found), "{found}");
     }
 
     #[test]
     fn gradients_of_the_span_are_those_of_differences() {
         let device = Device::flex().autodiff();
-        let shown = random(2 * 9 * 5, "shown");
+        let teacher = random(2 * 9 * 5, "shown");
         let valid: Vec<f64> = (0..18).map(|i| f64::from(u8::from(i % 5 != 3))).collect();
         check(&random(2 * 9 * 3, "own"), |values: &[f64]| {
             let own = tensor(values, [2, 9, 3], &device).require_grad();
-            let shown = tensor(&shown, [2, 9, 5], &device);
-            let loss = unspanned(own.clone(), shown, tensor(&valid, [2, 9], &device));
+            let teacher = tensor(&teacher, [2, 9, 5], &device);
+            let loss = span_residual(own.clone(), teacher, tensor(&valid, [2, 9], &device));
             let gradient = own.grad(&loss.clone().backward()).unwrap().into_data();
             (scalar(loss), gradient.iter::<f64>().collect())
         });
@@ -199,18 +199,18 @@ mod tests {
                 .map(|v| v.exp())
                 .collect()
         };
-        let shown = positive("shown");
+        let teacher = positive("shown");
         let loss = |values: &[f64]| {
             let own = tensor(values, [2, 3, 4, 2], &device).require_grad();
-            let loss = unlike(own.clone(), tensor(&shown, [2, 3, 4, 2], &device));
+            let loss = log_ratio_square(own.clone(), tensor(&teacher, [2, 3, 4, 2], &device));
             let gradient = own.grad(&loss.clone().backward()).unwrap().into_data();
             (scalar(loss), gradient.iter::<f64>().collect::<Vec<_>>())
         };
         check(&positive("own"), loss);
-        let tripled: Vec<f64> = shown.iter().map(|a| 3.0 * a).collect();
+        let tripled: Vec<f64> = teacher.iter().map(|a| 3.0 * a).collect();
         assert!((loss(&tripled).0 - 3.0_f64.ln().powi(2)).abs() < 1e-9);
         // The right neighbours of the last column and the lower ones of the last row do not exist.
-        let mut beyond = shown.clone();
+        let mut beyond = teacher.clone();
         for (i, value) in beyond.iter_mut().enumerate() {
             let (way, x, y) = (i % 2, i / 2 % 4, i / 8 % 3);
             if (way == 0 && x == 3) || (way == 1 && y == 2) {

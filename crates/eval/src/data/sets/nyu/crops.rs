@@ -12,7 +12,7 @@ const HINTS: &str = "nyu_pred_with_500.h5";
 
 /// An array of all frames: its name and the size of one.
 #[derive(Clone, Debug)]
-struct Stack {
+struct ArrayInfo {
     name: String,
     shape: Vec<usize>,
 }
@@ -20,9 +20,9 @@ struct Stack {
 /// The crops, read one at a time.
 pub(super) struct Crops {
     file: Hdf5,
-    colours: Stack,
-    truth: Stack,
-    hints: Option<(Hdf5, Stack)>,
+    colours: ArrayInfo,
+    truth: ArrayInfo,
+    hints: Option<(Hdf5, ArrayInfo)>,
     frames: usize,
     width: usize,
     height: usize,
@@ -30,7 +30,7 @@ pub(super) struct Crops {
 
 impl Crops {
     /// The folder of the pair, if it lies at `root`.
-    pub(super) fn place(root: &Path) -> Option<PathBuf> {
+    pub(super) fn folder_of(root: &Path) -> Option<PathBuf> {
         let folder = if root.ends_with(CROPS) {
             root.parent()?.to_owned()
         } else {
@@ -43,8 +43,8 @@ impl Crops {
     pub(super) fn open(folder: &Path) -> Result<Self> {
         let path = folder.join(CROPS);
         let file = Hdf5::open(&path)?;
-        let truth = stack(&file, &path, &["gt", "depth"])?;
-        let colours = stack(&file, &path, &["img", "image", "rgb"])?;
+        let truth = array(&file, &path, &["gt", "depth"])?;
+        let colours = array(&file, &path, &["img", "image", "rgb"])?;
         let (height, width) = match truth.shape[..] {
             [_, height, width] | [_, height, width, 1] | [_, 1, height, width] => (height, width),
             ref other => {
@@ -60,7 +60,7 @@ impl Crops {
         let hints = folder.join(HINTS);
         let hints = if hints.is_file() {
             let file = Hdf5::open(&hints)?;
-            let points = stack(&file, &hints, &["hints", "hint", "sparse"])?;
+            let points = array(&file, &hints, &["hints", "hint", "sparse"])?;
             Some((file, points))
         } else {
             None
@@ -78,7 +78,7 @@ impl Crops {
 }
 
 /// The first array that goes by one of the names.
-fn stack(file: &Hdf5, path: &Path, names: &[&str]) -> Result<Stack> {
+fn array(file: &Hdf5, path: &Path, names: &[&str]) -> Result<ArrayInfo> {
     let found = file.names()?;
     let Some(name) = names.iter().find(|name| found.iter().any(|f| f == *name)) else {
         return Err(Error::format(
@@ -94,14 +94,14 @@ fn stack(file: &Hdf5, path: &Path, names: &[&str]) -> Result<Stack> {
     if shape.is_empty() {
         return Err(Error::format(path, format!("`{name}` is a single value")));
     }
-    Ok(Stack {
+    Ok(ArrayInfo {
         name: (*name).to_owned(),
         shape,
     })
 }
 
 impl Dataset for Crops {
-    fn about(&self) -> String {
+    fn description(&self) -> String {
         let hints = match self.hints {
             Some(_) => "with their fixed 500 points",
             None => "without their points",
@@ -132,8 +132,8 @@ impl Dataset for Crops {
 
     fn load(&self, index: usize) -> Result<Frame> {
         let (width, height) = (self.width, self.height);
-        let depths = |file: &Hdf5, stack: &Stack| {
-            let values = file.rows_f32(&stack.name, &stack.shape[1..], index, 1)?;
+        let depths = |file: &Hdf5, array: &ArrayInfo| {
+            let values = file.rows_f32(&array.name, &array.shape[1..], index, 1)?;
             Ok::<_, Error>(DepthMap::new(width, height, values)?)
         };
         let row = &self.colours.shape[1..];
@@ -148,7 +148,7 @@ impl Dataset for Crops {
         let frame = Frame::new(self.id(index), rgb, depths(&self.file, &self.truth)?)?;
         match &self.hints {
             None => Ok(frame),
-            Some((file, stack)) => frame.with_sparse(depths(file, stack)?),
+            Some((file, array)) => frame.with_sparse(depths(file, array)?),
         }
     }
 }

@@ -1,8 +1,7 @@
 //! `nyu_depth_v2_labeled.mat`: MATLAB v7.3, which is HDF5 behind a user block. MATLAB stores
 //! columns first, so that an image is `[3, width, height]`.
 
-use super::depths::Depths;
-use super::official;
+use super::{Depths, official};
 use crate::data::{Dataset, DepthMap, Frame, FrameId, Split};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{Hdf5, from_planes};
@@ -48,14 +47,9 @@ impl Labelled {
         let frames = (0..rows)
             .map(|row| (row, row + 1))
             .filter(|(_, n)| !complete || official::is_test(*n) == (split == Split::Val))
-            .map(|(row, n)| {
-                let name = official::name(n);
-                (
-                    row,
-                    scenes
-                        .get(row)
-                        .map_or(name.clone(), |s| format!("{s}/{name}")),
-                )
+            .map(|(row, n)| match (scenes.get(row), official::name(n)) {
+                (None, name) => (row, name),
+                (Some(scene), name) => (row, format!("{scene}/{name}")),
             })
             .collect();
         Ok(Self {
@@ -70,7 +64,7 @@ impl Labelled {
 }
 
 impl Dataset for Labelled {
-    fn about(&self) -> String {
+    fn description(&self) -> String {
         let depths = match self.depths {
             Depths::Filled => "filled depths",
             Depths::Raw => "raw depths",

@@ -1,13 +1,13 @@
 //! A random furnished room: tables, chairs, shelves with clutter, lamps, balls, pictures.
 
-use super::geometry::{Form, Vec3, vec3};
+use super::geometry::{Shape, Vec3, vec3};
 use super::paint::Paint;
 use lsdc_rng::Rng;
 
 /// A body in the room, turned about the vertical axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Body {
-    pub(super) form: Form,
+    pub(super) shape: Shape,
     pub(super) centre: Vec3,
     /// Sine and cosine of the turn.
     pub(super) turn: (f32, f32),
@@ -17,13 +17,13 @@ pub(super) struct Body {
 /// A small lamp that shines in all directions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
-    pub(super) place: Vec3,
+    pub(super) position: Vec3,
     pub(super) power: [f32; 3],
 }
 
 /// A room: half extents around the origin (the floor is at `-half.y`), bodies and lamps.
 #[derive(Clone, Debug)]
-pub(super) struct Scene {
+pub(super) struct Room {
     pub(super) half: Vec3,
     /// Floor, ceiling, side walls, end walls.
     pub(super) surfaces: [Paint; 4],
@@ -33,7 +33,7 @@ pub(super) struct Scene {
 }
 
 /// Builds a room.
-pub(super) fn furnish(rng: &mut Rng) -> Scene {
+pub(super) fn furnish(rng: &mut Rng) -> Room {
     let half = vec3(
         rng.range(1.5, 3.5),
         rng.range(1.15, 1.5),
@@ -47,7 +47,7 @@ pub(super) fn furnish(rng: &mut Rng) -> Scene {
     ];
     let lamps = (0..=rng.below(3))
         .map(|_| Lamp {
-            place: vec3(
+            position: vec3(
                 rng.range(-0.8, 0.8) * half.x,
                 half.y - 0.1,
                 rng.range(-0.8, 0.8) * half.z,
@@ -55,7 +55,7 @@ pub(super) fn furnish(rng: &mut Rng) -> Scene {
             power: [(); 3].map(|()| rng.range(1.2, 2.2)),
         })
         .collect();
-    let mut room = Scene {
+    let mut room = Room {
         half,
         surfaces,
         bodies: Vec::new(),
@@ -69,18 +69,18 @@ pub(super) fn furnish(rng: &mut Rng) -> Scene {
             rng.range(-0.6, 0.95) * half.z,
         );
         let angle = rng.range(0.0, std::f32::consts::TAU);
-        let mut place = Placer {
+        let mut placer = Placer {
             room: &mut room,
             spot,
             turn: angle.sin_cos(),
         };
         match rng.below(6) {
-            0 => place.table(rng),
-            1 => place.chair(rng),
-            2 => place.cupboard(rng),
-            3 => place.floor_lamp(rng),
-            4 => place.sofa(rng),
-            _ => place.loose_things(rng),
+            0 => placer.table(rng),
+            1 => placer.chair(rng),
+            2 => placer.cupboard(rng),
+            3 => placer.floor_lamp(rng),
+            4 => placer.sofa(rng),
+            _ => placer.small_objects(rng),
         }
     }
     for _ in 0..=rng.below(3) {
@@ -94,15 +94,15 @@ pub(super) fn furnish(rng: &mut Rng) -> Scene {
 
 /// Puts bodies relative to a spot on the floor and a turn.
 struct Placer<'a> {
-    room: &'a mut Scene,
+    room: &'a mut Room,
     spot: Vec3,
     turn: (f32, f32),
 }
 
 impl Placer<'_> {
-    fn put(&mut self, form: Form, offset: Vec3, paint: Paint) {
+    fn put(&mut self, shape: Shape, offset: Vec3, paint: Paint) {
         self.room.bodies.push(Body {
-            form,
+            shape,
             centre: self.spot + offset.turn(self.turn),
             turn: self.turn,
             paint,
@@ -110,7 +110,7 @@ impl Placer<'_> {
     }
 
     fn block(&mut self, size: Vec3, offset: Vec3, paint: Paint) {
-        self.put(Form::Block(size * 0.5), offset, paint);
+        self.put(Shape::Block(size * 0.5), offset, paint);
     }
 
     fn table(&mut self, rng: &mut Rng) {
@@ -122,29 +122,31 @@ impl Placer<'_> {
         );
         self.block(vec3(w, 0.04, d), vec3(0.0, h, 0.0), paint);
         let radius = rng.range(0.015, 0.04);
-        for (sx, sz) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
-            let leg = vec3(sx * (w / 2.0 - 0.05), h / 2.0, sz * (d / 2.0 - 0.05));
-            self.put(Form::Column(radius, h / 2.0), leg, paint);
-        }
+        self.legs(vec3(w / 2.0 - 0.05, h / 2.0, d / 2.0 - 0.05), radius, paint);
         for _ in 0..rng.below(7) {
             let at = vec3(rng.range(-0.4, 0.4) * w, h + 0.02, rng.range(-0.4, 0.4) * d);
-            self.thing(at, rng);
+            self.object(at, rng);
         }
     }
 
     fn chair(&mut self, rng: &mut Rng) {
         let paint = Paint::random(rng);
         let (w, h) = (rng.range(0.38, 0.5), rng.range(0.4, 0.5));
-        let back = rng.range(0.35, 0.55);
+        let back_height = rng.range(0.35, 0.55);
         self.block(vec3(w, 0.05, w), vec3(0.0, h, 0.0), paint);
         self.block(
-            vec3(w, back, 0.03),
-            vec3(0.0, h + back / 2.0, w / 2.0),
+            vec3(w, back_height, 0.03),
+            vec3(0.0, h + back_height / 2.0, w / 2.0),
             paint,
         );
+        self.legs(vec3(w / 2.0 - 0.02, h / 2.0, w / 2.0 - 0.02), 0.015, paint);
+    }
+
+    /// Four legs, the centre of one of which is at `at`.
+    fn legs(&mut self, at: Vec3, radius: f32, paint: Paint) {
         for (sx, sz) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
-            let leg = vec3(sx * (w / 2.0 - 0.02), h / 2.0, sz * (w / 2.0 - 0.02));
-            self.put(Form::Column(0.015, h / 2.0), leg, paint);
+            let centre = vec3(sx * at.x, at.y, sz * at.z);
+            self.put(Shape::Column(radius, at.y), centre, paint);
         }
     }
 
@@ -157,17 +159,21 @@ impl Placer<'_> {
         self.block(vec3(w, h, d), vec3(0.0, h / 2.0, 0.0), Paint::random(rng));
         for _ in 0..rng.below(4) {
             let at = vec3(rng.range(-0.4, 0.4) * w, h, rng.range(-0.35, 0.35) * d);
-            self.thing(at, rng);
+            self.object(at, rng);
         }
     }
 
     fn floor_lamp(&mut self, rng: &mut Rng) {
         let h = rng.range(1.2, 1.7);
         let metal = Paint::random(rng);
-        self.put(Form::Column(0.012, h / 2.0), vec3(0.0, h / 2.0, 0.0), metal);
-        self.put(Form::Column(0.14, 0.015), vec3(0.0, 0.015, 0.0), metal);
         self.put(
-            Form::Column(rng.range(0.12, 0.22), 0.12),
+            Shape::Column(0.012, h / 2.0),
+            vec3(0.0, h / 2.0, 0.0),
+            metal,
+        );
+        self.put(Shape::Column(0.14, 0.015), vec3(0.0, 0.015, 0.0), metal);
+        self.put(
+            Shape::Column(rng.range(0.12, 0.22), 0.12),
             vec3(0.0, h, 0.0),
             Paint::random(rng),
         );
@@ -188,15 +194,15 @@ impl Placer<'_> {
         }
     }
 
-    fn loose_things(&mut self, rng: &mut Rng) {
+    fn small_objects(&mut self, rng: &mut Rng) {
         for _ in 0..2 + rng.below(4) {
             let at = vec3(rng.range(-0.5, 0.5), 0.0, rng.range(-0.5, 0.5));
-            self.thing(at, rng);
+            self.object(at, rng);
         }
     }
 
     /// A box, ball, can or bottle standing at a place.
-    fn thing(&mut self, at: Vec3, rng: &mut Rng) {
+    fn object(&mut self, at: Vec3, rng: &mut Rng) {
         let paint = Paint::random(rng);
         let size = rng.range(0.04, 0.16);
         let up = |h: f32| vec3(at.x, at.y + h, at.z);
@@ -205,18 +211,22 @@ impl Placer<'_> {
                 let tall = rng.range(0.5, 3.0) * size;
                 self.block(vec3(size * 2.0, tall, size), up(tall / 2.0), paint);
             }
-            1 => self.put(Form::Ball(size), up(size), paint),
-            2 => self.put(Form::Column(size * 0.5, size), up(size), paint),
+            1 => self.put(Shape::Ball(size), up(size), paint),
+            2 => self.put(Shape::Column(size * 0.5, size), up(size), paint),
             _ => {
-                self.put(Form::Column(size * 0.35, size), up(size), paint);
-                self.put(Form::Column(size * 0.12, size * 0.4), up(size * 2.4), paint);
+                self.put(Shape::Column(size * 0.35, size), up(size), paint);
+                self.put(
+                    Shape::Column(size * 0.12, size * 0.4),
+                    up(size * 2.4),
+                    paint,
+                );
             }
         }
     }
 }
 
 /// Boards along a side wall or the end wall, full of books and things.
-fn shelf(room: &mut Scene, rng: &mut Rng) {
+fn shelf(room: &mut Room, rng: &mut Rng) {
     let paint = Paint::random(rng);
     let (w, d) = (rng.range(0.6, 1.4), rng.range(0.22, 0.35));
     let levels = 2 + rng.below(4);
@@ -228,10 +238,10 @@ fn shelf(room: &mut Scene, rng: &mut Rng) {
         1 => (vec3(d / 2.0 - half.x, -half.y, along * half.z), (-1.0, 0.0)),
         _ => (vec3(along * half.x, -half.y, half.z - d / 2.0), (0.0, 1.0)),
     };
-    let mut place = Placer { room, spot, turn };
+    let mut placer = Placer { room, spot, turn };
     let height = gap * levels as f32;
     for side in [-1.0, 1.0] {
-        place.block(
+        placer.block(
             vec3(0.02, height, d),
             vec3(side * w / 2.0, height / 2.0, 0.0),
             paint,
@@ -239,20 +249,20 @@ fn shelf(room: &mut Scene, rng: &mut Rng) {
     }
     for level in 0..=levels {
         let y = level as f32 * gap;
-        place.block(vec3(w, 0.02, d), vec3(0.0, y, 0.0), paint);
+        placer.block(vec3(w, 0.02, d), vec3(0.0, y, 0.0), paint);
         let mut x = 0.04 - w / 2.0;
         while level < levels && x < w / 2.0 - 0.06 {
             if rng.chance(0.75) {
                 let (thick, tall) = (rng.range(0.02, 0.06), rng.range(0.5, 0.9) * gap);
                 let book = vec3(thick, tall, rng.range(0.5, 0.9) * d);
-                place.block(
+                placer.block(
                     book,
                     vec3(x + thick / 2.0, y + tall / 2.0, 0.0),
                     Paint::random(rng),
                 );
                 x += thick + 0.005;
             } else {
-                place.thing(vec3(x + 0.08, y + 0.01, 0.0), rng);
+                placer.object(vec3(x + 0.08, y + 0.01, 0.0), rng);
                 x += 0.2;
             }
         }
@@ -260,7 +270,7 @@ fn shelf(room: &mut Scene, rng: &mut Rng) {
 }
 
 /// A flat picture or window on the end wall.
-fn picture(room: &mut Scene, rng: &mut Rng) {
+fn picture(room: &mut Room, rng: &mut Rng) {
     let size = vec3(rng.range(0.3, 1.2), rng.range(0.3, 0.9), 0.03) * 0.5;
     let centre = vec3(
         rng.range(-0.7, 0.7) * room.half.x,
@@ -268,7 +278,7 @@ fn picture(room: &mut Scene, rng: &mut Rng) {
         room.half.z - 0.01,
     );
     room.bodies.push(Body {
-        form: Form::Block(size),
+        shape: Shape::Block(size),
         centre,
         turn: (0.0, 1.0),
         paint: Paint::random(rng),

@@ -79,7 +79,7 @@ impl Neg for Vec3 {
 
 /// The form of a body around its own centre.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Form {
+pub(super) enum Shape {
     /// Half extents.
     Block(Vec3),
     /// Radius.
@@ -98,11 +98,11 @@ pub(super) struct Hit {
 }
 
 /// Hits closer than this are the surface the ray starts on.
-const NEAR: f32 = 1e-3;
+const MIN_DISTANCE: f32 = 1e-3;
 
-impl Form {
+impl Shape {
     /// The radius of a ball around the centre that holds the body.
-    pub(super) fn reach(self) -> f32 {
+    pub(super) fn bounding_radius(self) -> f32 {
         match self {
             Self::Block(half) => half.length(),
             Self::Ball(radius) => radius,
@@ -121,7 +121,7 @@ impl Form {
                     origin.dot(origin) - radius * radius,
                 )
                 .into_iter()
-                .find(|t| *t > NEAR)?;
+                .find(|t| *t > MIN_DISTANCE)?;
                 Some(facing(t, (origin + ray * t).unit(), ray))
             }
             Self::Column(radius, half) => column(radius, half, origin, ray),
@@ -156,10 +156,10 @@ fn block(half: Vec3, origin: Vec3, ray: Vec3) -> Option<Hit> {
             (leave, last) = (far, i);
         }
     }
-    if enter > leave || leave <= NEAR {
+    if enter > leave || leave <= MIN_DISTANCE {
         return None;
     }
-    let (t, axis) = if enter > NEAR {
+    let (t, axis) = if enter > MIN_DISTANCE {
         (enter, first)
     } else {
         (leave, last)
@@ -177,12 +177,12 @@ fn column(radius: f32, half: f32, origin: Vec3, ray: Vec3) -> Option<Hit> {
     let (o, r) = (flat(origin), flat(ray));
     let side = quadratic(r.dot(r), o.dot(r), o.dot(o) - radius * radius)
         .into_iter()
-        .filter(|t| *t > NEAR && (origin.y + ray.y * t).abs() <= half)
+        .filter(|t| *t > MIN_DISTANCE && (origin.y + ray.y * t).abs() <= half)
         .map(|t| facing(t, (o + r * t).unit(), ray));
     let caps = [half, -half]
         .into_iter()
         .map(|y| (y - origin.y) / ray.y)
-        .filter(|t| *t > NEAR && (o + r * *t).length() <= radius)
+        .filter(|t| *t > MIN_DISTANCE && (o + r * *t).length() <= radius)
         .map(|t| facing(t, vec3(0.0, 1.0, 0.0), ray));
     side.chain(caps).min_by(|a, b| a.t.total_cmp(&b.t))
 }
@@ -204,18 +204,18 @@ mod tests {
     #[test]
     fn rays_hit_at_the_analytic_distance() {
         let (origin, ray) = (vec3(0.0, 0.0, -5.0), vec3(0.0, 0.0, 2.0));
-        let t = |form: Form| form.hit(origin, ray).unwrap().t;
-        assert!((t(Form::Block(vec3(1.0, 1.0, 1.0))) - 2.0).abs() < 1e-6);
-        assert!((t(Form::Ball(1.5)) - 1.75).abs() < 1e-6);
-        assert!((t(Form::Column(0.5, 1.0)) - 2.25).abs() < 1e-6);
-        let down = Form::Column(0.5, 1.0).hit(vec3(0.2, 3.0, 0.0), vec3(0.0, -1.0, 0.0));
+        let t = |shape: Shape| shape.hit(origin, ray).unwrap().t;
+        assert!((t(Shape::Block(vec3(1.0, 1.0, 1.0))) - 2.0).abs() < 1e-6);
+        assert!((t(Shape::Ball(1.5)) - 1.75).abs() < 1e-6);
+        assert!((t(Shape::Column(0.5, 1.0)) - 2.25).abs() < 1e-6);
+        let down = Shape::Column(0.5, 1.0).hit(vec3(0.2, 3.0, 0.0), vec3(0.0, -1.0, 0.0));
         assert!((down.unwrap().t - 2.0).abs() < 1e-6);
-        assert!(Form::Ball(1.0).hit(vec3(2.0, 0.0, -5.0), ray).is_none());
+        assert!(Shape::Ball(1.0).hit(vec3(2.0, 0.0, -5.0), ray).is_none());
     }
 
     #[test]
     fn from_inside_the_far_wall_is_hit_and_faces_back() {
-        let room = Form::Block(vec3(2.0, 1.0, 3.0));
+        let room = Shape::Block(vec3(2.0, 1.0, 3.0));
         let hit = room.hit(Vec3::default(), vec3(0.0, 0.0, 1.0)).unwrap();
         assert!((hit.t - 3.0).abs() < 1e-6);
         assert_eq!(hit.normal, vec3(0.0, 0.0, -1.0));

@@ -69,7 +69,7 @@ impl Rooms {
 }
 
 impl Dataset for Rooms {
-    fn about(&self) -> String {
+    fn description(&self) -> String {
         format!("procedural rooms, seed {}", self.config.seed)
     }
 
@@ -91,8 +91,8 @@ impl Dataset for Rooms {
     fn load(&self, index: usize) -> Result<Frame> {
         let id = self.id(index);
         let mut rng = Rng::stream(self.config.seed, &["room", &id]);
-        let scene = furnish::furnish(&mut rng);
-        let (rgb, depth) = render::render(&scene, self.config.width, self.config.height, &mut rng)?;
+        let room = furnish::furnish(&mut rng);
+        let (rgb, depth) = render::render(&room, self.config.width, self.config.height, &mut rng)?;
         Frame::new(id, rgb, depth)
     }
 }

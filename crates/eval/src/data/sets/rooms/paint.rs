@@ -1,5 +1,6 @@
 //! Surface colours: plain, wood, tiles, stripes, plaster; all with value noise.
 
+use self::Texture::{Plain, Plaster, Stripes, Tiles, Wood};
 use super::geometry::Vec3;
 use lsdc_rng::Rng;
 
@@ -8,13 +9,13 @@ use lsdc_rng::Rng;
 pub(super) struct Paint {
     base: [f32; 3],
     second: [f32; 3],
-    kind: Kind,
+    texture: Texture,
     scale: f32,
     seed: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Kind {
+enum Texture {
     Plain,
     Wood,
     Tiles,
@@ -25,30 +26,21 @@ enum Kind {
 impl Paint {
     /// A random paint; muted colours are common, strong ones rare, as indoors.
     pub(super) fn random(rng: &mut Rng) -> Self {
-        let kinds = [
-            Kind::Plain,
-            Kind::Plain,
-            Kind::Wood,
-            Kind::Tiles,
-            Kind::Stripes,
-            Kind::Plaster,
-        ];
-        Self::of(kinds[rng.below(6) as usize], rng)
+        Self::of(&[Plain, Plain, Wood, Tiles, Stripes, Plaster], rng)
     }
 
     /// A paint for walls and ceilings.
     pub(super) fn wall(rng: &mut Rng) -> Self {
-        let kinds = [Kind::Plain, Kind::Plaster, Kind::Plaster, Kind::Stripes];
-        Self::of(kinds[rng.below(4) as usize], rng)
+        Self::of(&[Plain, Plaster, Plaster, Stripes], rng)
     }
 
     /// A paint for floors.
     pub(super) fn floor(rng: &mut Rng) -> Self {
-        let kinds = [Kind::Wood, Kind::Wood, Kind::Tiles, Kind::Plaster];
-        Self::of(kinds[rng.below(4) as usize], rng)
+        Self::of(&[Wood, Wood, Tiles, Plaster], rng)
     }
 
-    fn of(kind: Kind, rng: &mut Rng) -> Self {
+    fn of(textures: &[Texture], rng: &mut Rng) -> Self {
+        let texture = textures[rng.below(textures.len() as u32) as usize];
         let level = rng.range(0.15, 0.9);
         let strength = if rng.chance(0.25) { 0.45 } else { 0.12 };
         let mut colour =
@@ -59,7 +51,7 @@ impl Paint {
         Self {
             base,
             second: std::array::from_fn(|i| base[i] * (1.0 - mix) + other[i] * mix * 0.8),
-            kind,
+            texture,
             scale: rng.range(1.5, 6.0),
             seed: rng.below(u32::MAX),
         }
@@ -69,15 +61,15 @@ impl Paint {
     pub(super) fn colour(&self, p: Vec3) -> [f32; 3] {
         let q = p * self.scale;
         let grain = noise(q * 8.0, self.seed) - 0.5;
-        let share = match self.kind {
-            Kind::Plain => 0.0,
-            Kind::Wood => (q.x * 4.0 + 3.0 * noise(q, self.seed)).sin() * 0.5 + 0.5,
-            Kind::Tiles => {
+        let share = match self.texture {
+            Plain => 0.0,
+            Wood => (q.x * 4.0 + 3.0 * noise(q, self.seed)).sin() * 0.5 + 0.5,
+            Tiles => {
                 let joint = |v: f32| f32::from((v - v.floor()) < 0.06);
                 joint(q.x * 0.6).max(joint(q.y * 0.6)).max(joint(q.z * 0.6))
             }
-            Kind::Stripes => f32::from((q.x + q.z).rem_euclid(1.0) < 0.4),
-            Kind::Plaster => noise(q * 2.0, self.seed ^ 1),
+            Stripes => f32::from((q.x + q.z).rem_euclid(1.0) < 0.4),
+            Plaster => noise(q * 2.0, self.seed ^ 1),
         };
         std::array::from_fn(|i| {
             let colour = self.base[i] * (1.0 - share) + self.second[i] * share;

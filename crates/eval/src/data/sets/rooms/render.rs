@@ -1,7 +1,7 @@
 //! Ray casting: one primary ray per pixel for depth, Lambert shading with shadows for colour.
 
-use super::furnish::{Body, Lamp, Scene};
-use super::geometry::{Form, Hit, Vec3, vec3};
+use super::furnish::{Body, Lamp, Room};
+use super::geometry::{Hit, Shape, Vec3, vec3};
 use crate::data::DepthMap;
 use image::{Rgb, RgbImage};
 use lsdc_files::error::Result;
@@ -12,7 +12,7 @@ const FOCAL: f32 = 0.81;
 
 /// A pinhole camera inside the room.
 struct Camera {
-    place: Vec3,
+    position: Vec3,
     right: Vec3,
     down: Vec3,
     ahead: Vec3,
@@ -20,9 +20,9 @@ struct Camera {
 
 impl Camera {
     /// Near one end of the room, at eye height, looking down its length.
-    fn random(scene: &Scene, rng: &mut Rng) -> Self {
-        let half = scene.half;
-        let place = vec3(
+    fn random(room: &Room, rng: &mut Rng) -> Self {
+        let half = room.half;
+        let position = vec3(
             rng.range(-0.6, 0.6) * half.x,
             (rng.range(0.9, 1.7) - half.y).min(half.y - 0.3),
             rng.range(-0.95, -0.5) * half.z,
@@ -35,7 +35,7 @@ impl Camera {
         );
         let right = vec3(0.0, 1.0, 0.0).cross(ahead).unit();
         Self {
-            place: clear_of_bodies(scene, place),
+            position: clear_of_bodies(room, position),
             right,
             down: right.cross(ahead),
             ahead,
@@ -44,25 +44,25 @@ impl Camera {
 }
 
 /// The place itself, or one higher up if it lies inside or close to a body.
-fn clear_of_bodies(scene: &Scene, mut place: Vec3) -> Vec3 {
+fn clear_of_bodies(room: &Room, mut position: Vec3) -> Vec3 {
     let blocked = |p: Vec3| {
-        let near = |b: &Body| (b.centre - p).length() < b.form.reach() + 0.15;
-        scene.bodies.iter().any(near)
+        let near = |b: &Body| (b.centre - p).length() < b.shape.bounding_radius() + 0.15;
+        room.bodies.iter().any(near)
     };
-    while blocked(place) && place.y < scene.half.y - 0.2 {
-        place.y += 0.1;
+    while blocked(position) && position.y < room.half.y - 0.2 {
+        position.y += 0.1;
     }
-    place
+    position
 }
 
 /// Colours and depths (metres along the optical axis) of a view of the room.
 pub(super) fn render(
-    scene: &Scene,
+    room: &Room,
     width: usize,
     height: usize,
     rng: &mut Rng,
 ) -> Result<(RgbImage, DepthMap)> {
-    let camera = Camera::random(scene, rng);
+    let camera = Camera::random(room, rng);
     let focal = FOCAL * width as f32;
     let exposure = rng.range(0.8, 1.3);
     let mut rgb = RgbImage::new(width as u32, height as u32);
@@ -73,9 +73,13 @@ pub(super) fn render(
             let u = (x as f32 + 0.5 - width as f32 / 2.0) / focal;
             // One unit along the optical axis, so that the ray parameter is the depth.
             let ray = camera.ahead + camera.right * u + camera.down * v;
-            let seen = nearest(scene, camera.place, ray);
-            depths.push(seen.hit.t);
-            let light = shade(scene, camera.place + ray * seen.hit.t, &seen);
+            let surface_point = nearest(room, camera.position, ray);
+            depths.push(surface_point.hit.t);
+            let light = shade(
+                room,
+                camera.position + ray * surface_point.hit.t,
+                &surface_point,
+            );
             let noise = rng.normal() * 0.008;
             rgb.put_pixel(
                 x as u32,
@@ -92,28 +96,28 @@ fn encode(light: f32, noise: f32) -> u8 {
     ((light.clamp(0.0, 1.0).powf(1.0 / 2.2) + noise).clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-struct Seen {
+struct SurfacePoint {
     hit: Hit,
     colour: [f32; 3],
 }
 
-fn nearest(scene: &Scene, origin: Vec3, ray: Vec3) -> Seen {
+fn nearest(room: &Room, origin: Vec3, ray: Vec3) -> SurfacePoint {
     let mut best: Option<(Hit, &Body)> = None;
-    for body in &scene.bodies {
+    for body in &room.bodies {
         if let Some(hit) = hit(body, origin, ray)
             && best.is_none_or(|(b, _)| hit.t < b.t)
         {
             best = Some((hit, body));
         }
     }
-    let wall = Form::Block(scene.half).hit(origin, ray).unwrap_or(Hit {
+    let wall = Shape::Block(room.half).hit(origin, ray).unwrap_or(Hit {
         t: 1.0,
         normal: -ray,
     });
     match best {
         Some((hit, body)) if hit.t < wall.t => {
-            let local = (origin + ray * hit.t - body.centre).turn(back(body.turn));
-            Seen {
+            let local = (origin + ray * hit.t - body.centre).turn(inverse(body.turn));
+            SurfacePoint {
                 hit,
                 colour: body.paint.colour(local),
             }
@@ -129,13 +133,13 @@ fn nearest(scene: &Scene, origin: Vec3, ray: Vec3) -> Seen {
             } else {
                 3
             };
-            let colour = scene.surfaces[surface].colour(origin + ray * wall.t);
-            Seen { hit: wall, colour }
+            let colour = room.surfaces[surface].colour(origin + ray * wall.t);
+            SurfacePoint { hit: wall, colour }
         }
     }
 }
 
-fn back((sin, cos): (f32, f32)) -> (f32, f32) {
+fn inverse((sin, cos): (f32, f32)) -> (f32, f32) {
     (-sin, cos)
 }
 
@@ -144,37 +148,36 @@ fn hit(body: &Body, origin: Vec3, ray: Vec3) -> Option<Hit> {
     let to = body.centre - origin;
     let along = to.dot(ray) / ray.dot(ray);
     let miss = to - ray * along;
-    let reach = body.form.reach();
-    if miss.dot(miss) > reach * reach {
+    let bounding_radius = body.shape.bounding_radius();
+    if miss.dot(miss) > bounding_radius * bounding_radius {
         return None;
     }
-    let turn = back(body.turn);
-    let hit = body.form.hit((-to).turn(turn), ray.turn(turn))?;
+    let turn = inverse(body.turn);
+    let hit = body.shape.hit((-to).turn(turn), ray.turn(turn))?;
     Some(Hit {
         t: hit.t,
         normal: hit.normal.turn(body.turn),
     })
 }
 
-fn shade(scene: &Scene, place: Vec3, seen: &Seen) -> [f32; 3] {
-    let mut light = [scene.ambient; 3];
-    for lamp in &scene.lamps {
-        let to = lamp.place - place;
-        let cosine = to.dot(seen.hit.normal) / to.length();
-        if cosine > 0.0 && !shadowed(scene, place + seen.hit.normal * 2e-3, lamp) {
+fn shade(room: &Room, position: Vec3, surface_point: &SurfacePoint) -> [f32; 3] {
+    let mut light = [room.ambient; 3];
+    for lamp in &room.lamps {
+        let to = lamp.position - position;
+        let cosine = to.dot(surface_point.hit.normal) / to.length();
+        if cosine > 0.0 && !shadowed(room, position + surface_point.hit.normal * 2e-3, lamp) {
             let share = cosine / (1.0 + to.dot(to));
             for (l, p) in light.iter_mut().zip(lamp.power) {
                 *l += p * share;
             }
         }
     }
-    std::array::from_fn(|i| light[i] * seen.colour[i])
+    std::array::from_fn(|i| light[i] * surface_point.colour[i])
 }
 
-fn shadowed(scene: &Scene, place: Vec3, lamp: &Lamp) -> bool {
-    let ray = lamp.place - place;
-    scene
-        .bodies
+fn shadowed(room: &Room, position: Vec3, lamp: &Lamp) -> bool {
+    let ray = lamp.position - position;
+    room.bodies
         .iter()
-        .any(|body| hit(body, place, ray).is_some_and(|h| h.t < 1.0))
+        .any(|body| hit(body, position, ray).is_some_and(|h| h.t < 1.0))
 }

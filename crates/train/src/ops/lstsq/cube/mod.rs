@@ -6,14 +6,14 @@ mod qr;
 mod triangular;
 
 use super::composed;
-use super::{LstsqBackend, host};
-use crate::ops::gpu::UNITS;
+use super::{LstsqBackend, LstsqGradients, host};
+use crate::ops::gpu::{UNITS, cube};
 use burn::backend::TensorMetadata as _;
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
 use burn::tensor::{DType, Shape};
 use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl::prelude::{CubeCount, CubeDim};
+use burn_cubecl::cubecl::prelude::CubeCount;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::zeros_client;
 use burn_cubecl::tensor::CubeTensor;
@@ -47,7 +47,9 @@ impl LstsqBackend for CubeBackend {
             solver,
         )
     }
+}
 
+impl LstsqGradients for CubeBackend {
     fn lstsq_backward(
         bases: Floats,
         depths: Floats,
@@ -56,7 +58,7 @@ impl LstsqBackend for CubeBackend {
         factor: Floats,
         grad: Floats,
         solver: Solver,
-    ) -> (Floats, Floats) {
+    ) -> [Floats; 2] {
         if bases.dtype() != DType::F32 || bases.shape().num_elements() == 0 {
             return host::backward::<Self>(bases, depths, weights, grad, solver);
         }
@@ -72,7 +74,7 @@ fn solve(rows: Floats, solver: Solver) -> (Floats, Floats) {
     let new = |shape: &[usize]| zeros(&r, shape);
     let (x, factor, done) = (new(&[batch, k]), new(&[batch, k, k]), new(&[batch]));
     let count = CubeCount::Static(batch as u32, 1, 1);
-    let units = CubeDim::new_1d(UNITS as u32);
+    let units = cube();
 
     let per_row = k.div_ceil(UNITS) * k;
     let panel = (ITERATIONS / per_row).clamp(1, k);
@@ -162,7 +164,7 @@ fn triangle(mut rows: Floats) -> Floats {
             qr::qr::launch(
                 &work.client,
                 CubeCount::Static((batch * blocks) as u32, 1, 1),
-                CubeDim::new_1d(UNITS as u32),
+                cube(),
                 work.clone().into_buffer_arg(),
                 r.clone().into_buffer_arg(),
                 height as u32,

@@ -1,0 +1,209 @@
+use super::tests::{sines, tiny, weights_of};
+use super::*;
+use crate::{Channels, DepthAnything, GuideKind, Image};
+use serde::Deserialize;
+
+/// What other programs predict (`scripts/golden_encoder.py`).
+#[derive(Deserialize)]
+struct Golden {
+    /// Rows and columns of patches.
+    size: [usize; 2],
+    values: Vec<f32>,
+}
+
+/// Channels of the taps, of the four maps, of the fused map, and of the last layers.
+const WIDTH: usize = 16;
+const OWN: [usize; 4] = [4, 6, 8, 10];
+const FUSED: usize = 6;
+const FINE: usize = 7;
+
+/// The weights of the script.
+fn weights() -> BTreeMap<String, Tensor> {
+    let mut shapes: Vec<(String, Vec<usize>)> = Vec::new();
+    let mut add = |name: String, shape: &[usize]| {
+        shapes.push((format!("{name}.weight"), shape.to_vec()));
+        // The map of a tap is mixed without a bias.
+        let outputs = (!name.ends_with("_rn")).then(|| vec![shape[0]]);
+        shapes.extend(outputs.map(|outputs| (format!("{name}.bias"), outputs)));
+    };
+    for (i, own) in OWN.into_iter().enumerate() {
+        add(format!("projects.{i}"), &[own, WIDTH, 1, 1]);
+    }
+    for (i, side) in [(0, 4), (1, 2), (3, 3)] {
+        let own = OWN[i];
+        add(format!("resize_layers.{i}"), &[own, own, side, side]);
+    }
+    for (i, own) in OWN.into_iter().enumerate() {
+        add(format!("scratch.layer{}_rn", i + 1), &[FUSED, own, 3, 3]);
+    }
+    for i in 1..=4 {
+        let name = format!("scratch.refinenet{i}");
+        for (unit, conv) in [(1, 1), (1, 2), (2, 1), (2, 2)] {
+            let name = format!("{name}.resConfUnit{unit}.conv{conv}");
+            add(name, &[FUSED, FUSED, 3, 3]);
+        }
+        add(format!("{name}.out_conv"), &[FUSED, FUSED, 1, 1]);
+    }
+    let half = FUSED / 2;
+    add("scratch.output_conv1".into(), &[half, FUSED, 3, 3]);
+    add("scratch.output_conv2.0".into(), &[FINE, half, 3, 3]);
+    add("scratch.output_conv2.2".into(), &[1, FINE, 1, 1]);
+    let count = shapes.len();
+    let drawn = shapes.into_iter().enumerate().map(|(i, (name, shape))| {
+        let (scale, offset) = match shape[..] {
+            [_] if i + 1 == count => (0.2, 2.0),
+            [_] => (0.2, 0.1),
+            _ => {
+                let inputs: usize = shape[1..].iter().product();
+                (2.0 / (inputs as f64).sqrt(), 0.0)
+            }
+        };
+        let name = format!("{DEPTH_HEAD}{name}");
+        (name, sines(200 + i, &shape, scale, offset))
+    });
+    drawn.collect()
+}
+
+fn features(rows: usize, columns: usize) -> Features {
+    let tap = |i: usize| {
+        let tap = sines(300 + i, &[rows * columns, WIDTH], 1.0, 0.0);
+        tap.values().to_vec()
+    };
+    Features {
+        columns,
+        rows,
+        taps: (0..4).map(tap).collect(),
+    }
+}
+
+#[test]
+fn depths_are_those_of_transformers() {
+    let golden: Vec<Golden> = serde_json::from_str(include_str!("depth_head.json")).unwrap();
+    for level in Level::available() {
+        let head = DepthHead::new(&weights(), level).unwrap();
+        for Golden { size, values } in &golden {
+            let [rows, columns] = *size;
+            let found = head.predict(&features(rows, columns)).unwrap();
+            assert_eq!(found.len(), rows * columns * PATCH * PATCH);
+            assert_eq!(found.len(), values.len());
+            for (found, exact) in found.iter().zip(values) {
+                assert!((found - exact).abs() < 5e-5, "{level:?}: {found} {exact}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_no_depth() {
+    let head = DepthHead::new(&weights(), Level::here()).unwrap();
+    let found = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        let predict = || head.predict(&features(11, 13)).unwrap();
+        pool.build().unwrap().install(predict)
+    };
+    let one = found(1);
+    assert_eq!(one, found(3));
+    // Nor is anything left of the image before.
+    head.release();
+    assert_eq!(one, found(3));
+}
+
+#[test]
+fn the_unused_unit_may_be_missing_and_nothing_else() {
+    let whole = weights();
+    let is_unused = |name: &str| name.contains("refinenet4.resConfUnit1");
+    let mut needed = whole.clone();
+    needed.retain(|name, _| !is_unused(name));
+    assert_eq!(whole.len(), needed.len() + 4);
+    let predicted = |tensors: &BTreeMap<String, Tensor>| {
+        let head = DepthHead::new(tensors, Level::here()).unwrap();
+        head.predict(&features(3, 5)).unwrap()
+    };
+    assert_eq!(predicted(&whole), predicted(&needed));
+
+    let refused = |tensors: &BTreeMap<String, Tensor>| {
+        let Err(Error::Weights(error)) = DepthHead::new(tensors, Level::here()) else {
+            panic!("a head is prepared from tensors that make none");
+        };
+        error.to_string()
+    };
+    for name in needed.keys() {
+        let mut tensors = needed.clone();
+        tensors.remove(name);
+        let message = refused(&tensors);
+        assert!(
+            message.contains(name) && message.contains("is missing"),
+            "{message}"
+        );
+        for shape in [vec![1; 5], vec![0, 3, 3, 3], vec![2, 3, 5, 7]] {
+            tensors.insert(name.clone(), sines(0, &shape, 1.0, 0.0));
+            refused(&tensors);
+        }
+    }
+    let mut more = needed.clone();
+    more.insert(format!("{DEPTH_HEAD}more"), sines(0, &[1], 1.0, 0.0));
+    assert!(refused(&more).contains("is superfluous"));
+}
+
+#[test]
+fn features_of_another_encoder_are_refused() {
+    let head = DepthHead::new(&weights(), Level::here()).unwrap();
+    assert_eq!(head.width(), WIDTH);
+    let refused = |change: &dyn Fn(&mut Features)| {
+        let mut features = features(2, 3);
+        change(&mut features);
+        head.predict(&features).is_err()
+    };
+    assert!(!refused(&|_| ()));
+    assert!(refused(&|features| features.taps.truncate(3)));
+    assert!(refused(&|features| features.taps[1].push(0.0)));
+    assert!(refused(&|features| features.rows = 3));
+    assert!(refused(&|features| {
+        features.rows = 0;
+        features.taps.iter_mut().for_each(Vec::clear);
+    }));
+}
+
+/// An encoder of four blocks, all of them taps, and the head.
+fn network() -> crate::Result<DepthAnything> {
+    let config = EncoderConfig {
+        blocks: 4,
+        taps: vec![0, 1, 2, 3],
+        ..tiny()
+    };
+    let encoder = Encoder::new(config, &weights_of(4), Level::here())?;
+    DepthAnything::with_parts(
+        Arc::new(encoder),
+        DepthHead::new(&weights(), Level::here())?,
+    )
+}
+
+#[test]
+fn images_of_any_size_become_guides() {
+    let network = network().unwrap();
+    let (width, height) = (64, 48);
+    let bytes: Vec<u8> = (0..3 * width * height)
+        .map(|i| (i * i / 50 % 251) as u8)
+        .collect();
+    let image = Image::new(width, height, Channels::Rgb, &bytes).unwrap();
+    let (values, size) = network.inverse_depth(&image, 252).unwrap();
+    assert_eq!((size, values.len()), ((252, 336), 252 * 336));
+    let guide = network.predict(&image, 252).unwrap();
+    assert_eq!((guide.height(), guide.width()), size);
+    assert_eq!(guide.missing(), 0);
+    let direct = crate::DepthGuide::new(GuideKind::Disparity, size.1, size.0, &values).unwrap();
+    let places = [[0.0, 0.0], [31.5, 20.0]];
+    assert_eq!(guide.at((48, 64), &places), direct.at((48, 64), &places));
+
+    for short_side in [0, 251, 519] {
+        let error = network.predict(&image, short_side).unwrap_err();
+        assert!(error.to_string().contains("252 to 518"), "{error}");
+    }
+}
+
+#[test]
+fn an_encoder_of_two_taps_is_refused() {
+    let head = || DepthHead::new(&weights(), Level::here()).unwrap();
+    let encoder = Encoder::new(tiny(), &weights_of(3), Level::here()).unwrap();
+    assert!(DepthAnything::with_parts(Arc::new(encoder), head()).is_err());
+}

@@ -1,0 +1,83 @@
+//! Images of any size, encoded.
+
+use super::{Encoder, PATCH};
+use crate::error::{FitError, Result};
+use crate::resize::resized_cubic;
+
+/// About as many patches as an image is cut into, whatever its size: 448x336 pixels.
+const PATCHES: f64 = 768.0;
+
+/// The features of an image, as a map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FeatureMap {
+    /// Patches down.
+    pub rows: usize,
+    /// Patches across.
+    pub columns: usize,
+    /// The features of all taps side by side, `[rows, columns, channels]`.
+    pub values: Vec<f32>,
+}
+
+impl FeatureMap {
+    /// Rows and columns of patches for an image of a height and width.
+    pub fn size((height, width): (usize, usize)) -> (usize, usize) {
+        let aspect = height as f64 / width.max(1) as f64;
+        let side = |length: f64| (length.round() as usize).clamp(1, PATCHES as usize);
+        let rows = side((PATCHES * aspect).sqrt());
+        (rows, side((PATCHES / aspect).sqrt()))
+    }
+}
+
+/// A normalised image `[height, width, 3]`, resized to whole patches by cubic convolution, and the rows and columns of
+/// patches.
+///
+/// # Errors
+/// An image without pixels, or another number of values.
+pub fn in_patches(image: &[f32], size: (usize, usize)) -> Result<(Vec<f32>, (usize, usize))> {
+    if size.0 * size.1 == 0 || image.len() != 3 * size.0 * size.1 {
+        let (count, (height, width)) = (image.len(), size);
+        let what = format!("{count} values are no image of {width}x{height} pixels");
+        return Err(FitError::Shape(what).into());
+    }
+    let (rows, columns) = FeatureMap::size(size);
+    let image = resized_cubic(image, size, (rows * PATCH, columns * PATCH))?;
+    Ok((image, (rows, columns)))
+}
+
+impl Encoder {
+    /// Encodes a normalised image `[height, width, 3]` of any size, which is resized to whole patches by cubic
+    /// convolution.
+    ///
+    /// # Errors
+    /// An image without pixels, or another number of values.
+    pub fn encode(&self, image: &[f32], size: (usize, usize)) -> Result<FeatureMap> {
+        let (image, (rows, columns)) = in_patches(image, size)?;
+        let features = self.features(&image, (rows * PATCH, columns * PATCH))?;
+        let width = self.config().width;
+        let mut values = Vec::with_capacity(rows * columns * self.config().channels());
+        for patch in 0..rows * columns {
+            for tap in &features.taps {
+                values.extend_from_slice(&tap[patch * width..][..width]);
+            }
+        }
+        Ok(FeatureMap {
+            rows,
+            columns,
+            values,
+        })
+    }
+
+    /// The tokens that enter a block, `[1 + rows x columns, width]`, of an image as [`Encoder::encode`] takes it.
+    ///
+    /// # Errors
+    /// As [`Encoder::encode`], and a block that the encoder does not have.
+    pub fn encode_before(
+        &self,
+        image: &[f32],
+        size: (usize, usize),
+        block: usize,
+    ) -> Result<Vec<f32>> {
+        let (image, (rows, columns)) = in_patches(image, size)?;
+        Ok(self.tokens_before(&image, (rows * PATCH, columns * PATCH), block)?)
+    }
+}

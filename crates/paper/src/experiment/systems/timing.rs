@@ -1,0 +1,81 @@
+//! The trial that is timed: one of those that take part.
+
+use super::compared::{ComparedSystem, ComparedSystems, OURS};
+use crate::experiment::cost::{SIZES, Timed, TimedSubject};
+use crate::experiment::trial::{Progress, Trial};
+use lsdc_eval::sampling::Size;
+use lsdc_files::error::Result;
+use std::rc::Rc;
+
+/// The size of the frame.
+pub(super) const SIZE: Size = SIZES[0];
+
+/// The time of one of them, once it is trained.
+pub(super) struct TimedSystem<'a> {
+    compared: Rc<ComparedSystems<'a>>,
+    /// Which of the systems; none: `lsdc`.
+    number: Option<usize>,
+    name: String,
+}
+
+impl<'a> TimedSystem<'a> {
+    /// Of `lsdc`, and of all systems.
+    pub(super) fn all(compared: &Rc<ComparedSystems<'a>>) -> Vec<Self> {
+        let timings = (0..=compared.systems.len()).map(|number| Self {
+            compared: compared.clone(),
+            number: number.checked_sub(1),
+            name: format!("systems-time-{number}"),
+        });
+        timings.collect()
+    }
+
+    /// Which of the systems; none: `lsdc`.
+    pub(super) fn system(&self) -> Option<&ComparedSystem<'a>> {
+        self.number.map(|number| &self.compared.systems[number])
+    }
+
+    /// Milliseconds, once they are known.
+    pub(super) fn total(&self) -> Result<Option<f64>> {
+        self.timed()?.map(|timed| timed.total()).transpose()
+    }
+
+    fn timed(&self) -> Result<Option<Timed<'a>>> {
+        let (label, subject) = match self.system() {
+            None => (OURS.to_owned(), TimedSubject::Ours { full: false }),
+            Some(system) => {
+                let Some(predictor) = system.predictor()? else {
+                    return Ok(None);
+                };
+                (
+                    predictor.trained().hash.clone(),
+                    TimedSubject::System(predictor),
+                )
+            }
+        };
+        Ok(Some(Timed {
+            context: self.compared.context,
+            name: self.name.clone(),
+            label,
+            subject,
+            size: SIZE,
+        }))
+    }
+}
+
+impl Trial for TimedSystem<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn stored(&self) -> Result<usize> {
+        self.timed()?.map_or(Ok(0), |timed| timed.stored())
+    }
+
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        if let Some(timed) = self.timed()? {
+            return timed.run(progress);
+        }
+        let _ = progress(0.0);
+        Ok(())
+    }
+}
