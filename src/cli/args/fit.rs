@@ -9,7 +9,7 @@ use lsdc_core::fit::{Changes, FitConfig, FitMethod, PriorKind, Space};
 pub(in crate::cli) struct FitFlags {
     /// Model of depth: lse (basis functions, as in the paper), field (smooth except across edges of
     /// the image), joint (both) [default: as stored with the weights].
-    #[arg(long = "fit", value_parser = fit_method(), value_name = "METHOD", help_heading = "Fit", hide_short_help = true)]
+    #[arg(long = "fit", value_parser = fit_method(), hide_possible_values = true, value_name = "METHOD", help_heading = "Fit", hide_short_help = true)]
     fit_method: Option<FitMethod>,
     /// Robust loss, which limits the influence of outliers: none, irls, huber, cauchy, gm, tukey or auto [default: as
     /// stored with the weights].

@@ -73,7 +73,7 @@ pub(in crate::cli) struct Calibrate {
     #[arg(long, conflicts_with_all = ["fit_method", "cosines"])]
     pub(in crate::cli) only_errors: bool,
     /// Calibrate for this fit instead of the one stored with the weights: lse, field, joint.
-    #[arg(long = "fit", value_parser = fit_method(), value_name = "METHOD")]
+    #[arg(long = "fit", value_parser = fit_method(), hide_possible_values = true, value_name = "METHOD")]
     pub(in crate::cli) fit_method: Option<FitMethod>,
     /// Highest frequency of the cosine basis of the joint fit; 0 for none [default: as stored with the
     /// weights].
