@@ -74,7 +74,7 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 14] = [
+const BUILT_IN: [(&str, &str); 15] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
@@ -93,6 +93,7 @@ const BUILT_IN: [(&str, &str); 14] = [
     ),
     ("nyu-map.toml", include_str!("../configs/nyu-map.toml")),
     ("nyu-lite.toml", include_str!("../configs/nyu-lite.toml")),
+    ("own.toml", include_str!("../configs/own.toml")),
     ("s2d.toml", include_str!("../configs/s2d.toml")),
     ("cspn.toml", include_str!("../configs/cspn.toml")),
     ("lsk.toml", include_str!("../configs/lsk.toml")),

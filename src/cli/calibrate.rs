@@ -4,7 +4,8 @@ use super::args::Calibrate;
 use super::{Exit, settings, ui};
 use lsdc_core::Weights;
 use lsdc_core::fit::Lambda;
-use lsdc_eval::data::{DataConfig, Split, check_output, write_atomically};
+use lsdc_eval::data::{Dataset, DatasetKind, Split, check_output, write_atomically};
+use lsdc_eval::sampling::{Interpolation, Protocol, ProtocolPreset};
 use lsdc_files::error::{Error, Result};
 use lsdc_train::device::device;
 use lsdc_train::training::{self, HeldOutUnit, Scenes, TrainConfig};
@@ -31,9 +32,25 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     }
     let mut config = trained_by(&weights)?;
     config.scenes = args.scenes.clone().or(config.scenes);
-    let mut data = DataConfig::default();
+    let mut data = args.settings.load()?.data;
     args.source.apply(&mut data);
     let frames = settings::open(&data, Split::Train)?;
+    let record = lsdc_eval::data::frames_record(frames.as_ref());
+    let keeps_prior = !args.only_errors && training::keeps_prior(&weights, frames.as_ref())?;
+    if keeps_prior {
+        ui::say(&format!(
+            "the prior of the weights stays: {} frames are too few to learn one of {} basis functions",
+            frames.len(),
+            weights.network.bases
+        ));
+    }
+    if (keeps_prior || data.dataset == DatasetKind::Scans) && !was_trained_on(&weights, &record)? {
+        config.protocol = own_protocol(frames.as_ref(), &weights)?;
+        if keeps_prior {
+            config.held_out = 0;
+        }
+        ui::say(&format!("frames: {}", config.protocol));
+    }
     let started = Instant::now();
     let bar = ui::bar(frames.len(), "frames");
     let device = device(&args.model.device)?;
@@ -65,7 +82,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         "calibrate"
     };
     let mut made = HistoryEntry {
-        data: lsdc_eval::data::frames_record(frames.as_ref()),
+        data: record,
         seconds: started.elapsed().as_secs_f64(),
         ..history::changed(by, args.model.weights.as_deref(), &weights)?
     };
@@ -97,6 +114,29 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
+/// Whether weights were trained on the frames of this record and no others, in some run.
+fn was_trained_on(weights: &Weights, record: &Value) -> Result<bool> {
+    let history = history::read(&weights.notes)?;
+    let mut runs = history.iter().filter(|entry| entry.command == "train");
+    Ok(runs.any(|run| run.data == *record))
+}
+
+/// The protocol of frames that weights were not trained on: that of their dataset, at the number of pixels that the
+/// network reads, in the shape of each frame.
+fn own_protocol(frames: &dyn Dataset, weights: &Weights) -> Result<Protocol> {
+    let protocol = ProtocolPreset::named(frames.protocol())?.protocol;
+    if protocol.resize.or(protocol.crop).is_some() {
+        return Ok(protocol);
+    }
+    let [height, width] = weights.normalisation.input;
+    Ok(Protocol {
+        mask: true,
+        pixels: Some(height * width),
+        depth_resize: Interpolation::NearestMeasured,
+        ..protocol
+    })
+}
+
 /// The settings of the training of weights, which tell its frames from those that were held out.
 fn trained_by(weights: &Weights) -> Result<TrainConfig> {
     let Some(json) = weights.notes.get(TRAINING_NOTE) else {
@@ -119,6 +159,56 @@ fn trained_by(weights: &Weights) -> Result<TrainConfig> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lsdc_eval::data::Frame;
+
+    /// Frames of any content, as laser scans are measured.
+    struct Measured(&'static str);
+
+    impl Dataset for Measured {
+        fn description(&self) -> String {
+            "frames".into()
+        }
+
+        fn protocol(&self) -> &'static str {
+            self.0
+        }
+
+        fn len(&self) -> usize {
+            1
+        }
+
+        fn id(&self, _: usize) -> String {
+            "a".into()
+        }
+
+        fn load(&self, _: usize) -> Result<Frame> {
+            Err(Error::config("there are names only"))
+        }
+    }
+
+    #[test]
+    fn own_frames_keep_their_shape_and_lose_hidden_returns() {
+        let weights = Weights::builtin();
+        let of = |name| own_protocol(&Measured(name), &weights).unwrap();
+        // 228x304 pixels.
+        assert_eq!(of("scans").pixels, Some(69_312));
+        assert!(of("scans").occlusion.is_some() && of("full").occlusion.is_none());
+        assert_eq!(of("full").depth_resize, Interpolation::NearestMeasured);
+        assert_eq!(of("nyu"), Protocol::nyu());
+    }
+
+    #[test]
+    fn frames_are_known_by_the_record_of_the_training() {
+        let mut weights = Weights::builtin_small();
+        let record = lsdc_eval::data::frames_record(&Measured("scans"));
+        assert!(!was_trained_on(&weights, &record).unwrap());
+        let run = HistoryEntry {
+            data: record.clone(),
+            ..HistoryEntry::now("train")
+        };
+        history::add(&mut weights.notes, [run]).unwrap();
+        assert!(was_trained_on(&weights, &record).unwrap());
+    }
 
     #[test]
     fn weights_are_calibrated_on_what_their_training_held_out() {

@@ -126,6 +126,12 @@ impl Frame {
         Ok(self)
     }
 
+    /// Whether its depths are those of single points and not of surfaces: the returns of a laser scan, or depths at fewer
+    /// than half of the pixels.
+    pub fn is_sparse(&self) -> bool {
+        self.rings.is_some() || 2 * self.depth.count() < self.depth.values().len()
+    }
+
     fn check_size(&self, what: &str, width: usize, height: usize) -> Result<()> {
         let image = (self.rgb.width() as usize, self.rgb.height() as usize);
         if image == (width, height) {
@@ -141,6 +147,20 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn depths_at_fewer_than_half_of_the_pixels_are_sparse() {
+        let frame = |measured: usize| {
+            let values = (0..8).map(|i| f32::from(u8::from(i < measured))).collect();
+            let depth = DepthMap::new(4, 2, values).unwrap();
+            Frame::new("a".into(), RgbImage::new(4, 2), depth).unwrap()
+        };
+        assert!(frame(3).is_sparse() && !frame(4).is_sparse());
+        let scan = frame(8);
+        let sparse = scan.depth.clone();
+        let scan = scan.with_sparse(sparse).unwrap();
+        assert!(scan.with_rings(vec![-1; 8]).unwrap().is_sparse());
+    }
 
     #[test]
     fn names_stay_below_their_folder() {

@@ -39,7 +39,8 @@ pub struct Protocol {
     pub mask: bool,
     /// Leave out depths outside this range, in metres.
     pub range: Option<[f32; 2]>,
-    /// Leave out what a laser scanner above the camera saw past a nearer surface.
+    /// Leave out what a laser scanner above the camera saw past a nearer surface; of frames with [sparse](Frame::is_sparse)
+    /// depths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub occlusion: Option<Occlusion>,
     /// Leave out depths beside a jump.
@@ -48,6 +49,10 @@ pub struct Protocol {
     pub cut: Option<Size>,
     /// Resize to this.
     pub resize: Option<Size>,
+    /// Where neither `resize` nor `crop` is given: resize to about this many pixels, in the shape of each frame; in
+    /// training, in that of the first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixels: Option<usize>,
     /// How colours are resized.
     pub rgb_resize: Interpolation,
     /// How depths are resized.
@@ -108,7 +113,7 @@ impl Protocol {
             let corner = corner(&frame, size, Anchor::Centre)?;
             frame = cropped(&frame, corner, size)?;
         }
-        if let Some(size) = self.resize {
+        if let Some(size) = self.resized(Size::of(&frame.depth)) {
             frame.rgb = resize_rgb(&frame.rgb, size, self.rgb_resize)?;
             if let (Some(rings), Some(returns)) = (&frame.rings, &frame.sparse) {
                 let sources = sources_of_points(returns, size)?.into_iter();
@@ -125,6 +130,22 @@ impl Protocol {
             };
         }
         Ok(frame)
+    }
+
+    /// What a frame of this size is resized to, if it is.
+    fn resized(&self, size: Size) -> Option<Size> {
+        let pixels = self.pixels.filter(|_| self.crop.is_none());
+        self.resize.or_else(|| Some(size.with_pixels(pixels?)))
+    }
+
+    /// The same protocol, by which all frames become as large as this one.
+    #[must_use]
+    pub fn sized_as(&self, frame: &Frame) -> Self {
+        Self {
+            resize: self.resized(self.cut.unwrap_or(Size::of(&frame.depth))),
+            pixels: None,
+            ..*self
+        }
     }
 
     /// What remains to be done with frames that were scaled: the last crop.
@@ -162,7 +183,7 @@ impl Protocol {
             }
         }
         let mut depth = DepthMap::new(frame.depth.width(), frame.depth.height(), values)?;
-        if let Some(occlusion) = self.occlusion {
+        if let Some(occlusion) = self.occlusion.filter(|_| frame.is_sparse()) {
             depth = occlusion.without(&depth)?;
         }
         match self.jumps {
@@ -267,6 +288,13 @@ impl Display for Protocol {
         if let Some(size) = self.resize {
             steps.push(format!(
                 "resized to {size} (colour {}, depth {})",
+                self.rgb_resize.name(),
+                self.depth_resize.name()
+            ));
+        }
+        if let (Some(pixels), None, None) = (self.pixels, self.resize, self.crop) {
+            steps.push(format!(
+                "resized to about {pixels} pixels (colour {}, depth {})",
                 self.rgb_resize.name(),
                 self.depth_resize.name()
             ));
@@ -378,6 +406,44 @@ mod tests {
         assert_eq!(part.rings.unwrap(), [5, -1]);
         let nowhere = frame(4, 2, vec![1.0; 8]).with_rings(vec![0; 8]);
         assert!(nowhere.is_err());
+    }
+
+    #[test]
+    fn a_number_of_pixels_keeps_the_shape_of_each_frame_or_takes_that_of_one() {
+        let protocol = Protocol {
+            pixels: Some(50),
+            depth_resize: Interpolation::NearestMeasured,
+            ..Protocol::default()
+        };
+        let (wide, square) = (frame(20, 10, vec![2.0; 200]), frame(9, 9, vec![2.0; 81]));
+        let sizes = |protocol: &Protocol| {
+            [&wide, &square].map(|frame| {
+                let frame = protocol.apply(frame).unwrap();
+                assert_eq!(frame.depth.count(), frame.depth.values().len());
+                (frame.depth.width(), frame.depth.height())
+            })
+        };
+        // sqrt(50 / 200) = 0.5, sqrt(50 / 81) = 0.786.
+        assert_eq!(sizes(&protocol), [(10, 5), (7, 7)]);
+        assert_eq!(sizes(&protocol.sized_as(&wide)), [(10, 5), (10, 5)]);
+        assert_eq!(Protocol::nyu().sized_as(&wide), Protocol::nyu());
+        let text = protocol.to_string();
+        assert!(text.contains("about 50 pixels") && text.contains("nearest-measured"));
+    }
+
+    #[test]
+    fn surfaces_that_a_camera_sees_side_by_side_are_kept() {
+        let protocol = Protocol {
+            occlusion: Some(Occlusion::default()),
+            ..Protocol::default()
+        };
+        let count = |values: Vec<f32>| {
+            let frame = frame(values.len(), 1, values);
+            protocol.apply(&frame).unwrap().depth.count()
+        };
+        assert_eq!(count(vec![2.0, 2.0, 9.0]), 3);
+        // At fewer than half of the pixels they are returns: 9 m is seen past 2 m.
+        assert_eq!(count(vec![2.0, 0.0, 9.0, 0.0, 0.0]), 1);
     }
 
     #[test]

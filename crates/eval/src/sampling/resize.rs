@@ -25,15 +25,19 @@ pub enum Interpolation {
     /// OpenCV's `INTER_NEAREST`: the source pixel at floor(i x scale). Keeps measured values.
     #[serde(alias = "nearest")]
     CvNearest,
+    /// PIL's `NEAREST`, but where the pixel under the centre has no measurement, the measured one nearest to the centre
+    /// among those that the result covers: single returns are not lost. Keeps measured values.
+    NearestMeasured,
 }
 
 impl Interpolation {
     /// All of them.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::PilBilinear,
         Self::PilNearest,
         Self::CvBilinear,
         Self::CvNearest,
+        Self::NearestMeasured,
     ];
 
     /// The name in configs and on the command line.
@@ -43,6 +47,7 @@ impl Interpolation {
             Self::PilNearest => "pil-nearest",
             Self::CvBilinear => "cv-bilinear",
             Self::CvNearest => "cv-nearest",
+            Self::NearestMeasured => "nearest-measured",
         }
     }
 
@@ -52,6 +57,7 @@ impl Interpolation {
             Self::CvBilinear => Algorithm::Filter(ResizeAlg::Interpolation(FilterType::Bilinear)),
             Self::PilNearest => Algorithm::Nearest(pil_sources),
             Self::CvNearest => Algorithm::Nearest(cv_sources),
+            Self::NearestMeasured => Algorithm::NearestMeasured,
         }
     }
 }
@@ -61,6 +67,7 @@ enum Algorithm {
     Filter(ResizeAlg),
     /// From the lengths of source and result to the source index of every result pixel.
     Nearest(fn(usize, usize) -> Vec<usize>),
+    NearestMeasured,
 }
 
 /// PIL steps from half a source pixel on by repeated addition, and rounds down.
@@ -77,6 +84,43 @@ fn cv_sources(from: usize, to: usize) -> Vec<usize> {
     (0..to)
         .map(|i| ((i as f64 * step) as usize).min(from - 1))
         .collect()
+}
+
+/// The source pixels that each result pixel may take, ascending, with their squared distances from its centre in source
+/// pixels: the one under its centre, and those whose centres it covers.
+fn covered_sources(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
+    let of = |i: usize| -> Vec<(usize, f64)> {
+        // Positions are multiples of 1 / (2 to) source pixels.
+        let (left, centre, right) = (2 * i * from, (2 * i + 1) * from, 2 * (i + 1) * from);
+        let under = (centre / (2 * to)).min(from - 1);
+        let sources = i * from / to..((i + 1) * from).div_ceil(to).min(from);
+        let taken = sources.filter(|&j| j == under || (left..right).contains(&((2 * j + 1) * to)));
+        let distance = |j: usize| ((2 * j + 1) * to).abs_diff(centre) as f64 / (2 * to) as f64;
+        taken.map(|j| (j, distance(j).powi(2))).collect()
+    };
+    (0..to).map(of).collect()
+}
+
+fn nearest_measured(depth: &DepthMap, from: Size, to: Size) -> Vec<f32> {
+    let columns = covered_sources(from.width, to.width);
+    let rows = covered_sources(from.height, to.height);
+    let value = |rows: &[(usize, f64)], columns: &[(usize, f64)]| {
+        let (mut least, mut found) = (f64::INFINITY, 0.0);
+        for &(y, down) in rows {
+            for &(x, across) in columns {
+                let here = depth.at(x, y);
+                // Of two as near, the later one, as PIL.
+                if here > 0.0 && down + across <= least {
+                    (least, found) = (down + across, here);
+                }
+            }
+        }
+        found
+    };
+    let pixels = rows
+        .iter()
+        .flat_map(|row| columns.iter().map(|column| value(row, column)));
+    pixels.collect()
 }
 
 /// Resizes colours.
@@ -101,6 +145,8 @@ pub fn resize_rgb(rgb: &RgbImage, size: Size, interpolation: Interpolation) -> R
             RgbImage::from_raw(size.width as u32, size.height as u32, bytes)
                 .ok_or_else(|| Error::shape("resized image has the wrong size"))
         }
+        // Every colour is measured.
+        Algorithm::NearestMeasured => resize_rgb(rgb, size, Interpolation::PilNearest),
         Algorithm::Nearest(sources) => {
             let columns = sources(from.width, size.width);
             let rows = sources(from.height, size.height);
@@ -137,6 +183,7 @@ pub fn resize_depth(
                 .flat_map(|&y| columns.iter().map(move |&x| depth.at(x, y)))
                 .collect()
         }
+        Algorithm::NearestMeasured => nearest_measured(depth, from, size),
     };
     Ok(DepthMap::new(size.width, size.height, values)?)
 }
@@ -266,6 +313,38 @@ mod tests {
             half(Interpolation::PilNearest).values(),
             [6.0, 8.0, 14.0, 16.0]
         );
+    }
+
+    #[test]
+    fn no_measurement_is_lost_where_there_is_a_single_one() {
+        // A dense map is resized as by PIL, whatever the sizes.
+        let dense = DepthMap::new(7, 6, (1..=42).map(|v| v as f32).collect()).unwrap();
+        for to in [size(3, 3), size(4, 5), size(6, 7), size(13, 9), size(1, 1)] {
+            let resized = |interpolation| resize_depth(&dense, to, interpolation).unwrap();
+            let (ours, pil) = (
+                resized(Interpolation::NearestMeasured),
+                resized(Interpolation::PilNearest),
+            );
+            assert_eq!(ours, pil, "{to}");
+        }
+        // Of 6x6 pixels in blocks of 3x3: one return in a corner; two, of which the one beside the centre is nearer
+        // to it than that in the corner; the centre itself, and a nearer surface beside it; nothing.
+        let mut values = vec![0.0; 36];
+        (values[0], values[6 + 5], values[5]) = (9.0, 7.0, 2.0);
+        (values[4 * 6 + 1], values[4 * 6]) = (8.0, 1.0);
+        let sparse = DepthMap::new(6, 6, values).unwrap();
+        let third = resize_depth(&sparse, size(2, 2), Interpolation::NearestMeasured).unwrap();
+        assert_eq!(third.values(), [9.0, 7.0, 8.0, 0.0]);
+        // All returns that are far apart stay; of these PIL keeps 4.
+        let mut values = vec![0.0; 35 * 24];
+        for i in (3..35 * 24).step_by(31) {
+            values[i] = 1.0 + i as f32;
+        }
+        let sparse = DepthMap::new(35, 24, values).unwrap();
+        let small = resize_depth(&sparse, size(12, 17), Interpolation::NearestMeasured).unwrap();
+        assert_eq!(small.count(), sparse.count());
+        let lost = resize_depth(&sparse, size(12, 17), Interpolation::PilNearest).unwrap();
+        assert_eq!((sparse.count(), lost.count()), (27, 4));
     }
 
     #[test]

@@ -132,6 +132,7 @@ impl Subject for BasisFunctions {
 
     fn publish(&self, run: &Trainer<Self>, net: &BasisNet, record: TrainingRecord) -> Result<()> {
         let mut weights = weights_of(&net.valid(), self.network.clone(), run.normalisation);
+        let start_prior = record.start_prior(&self.network).cloned();
         record.add_to(&mut weights.notes, &run.folder)?;
         weights.notes.insert(TRAINING_NOTE.to_owned(), run.note()?);
         weights.record_fit(&self.fit);
@@ -142,6 +143,10 @@ impl Subject for BasisFunctions {
         // What was trained is not lost if its calibration fails.
         write(&weights)?;
         if run.config.calibrate {
+            if let Some(prior) = &start_prior {
+                // It stays if the frames are too few to learn another.
+                weights.record_prior(prior, 1.0, None);
+            }
             let (frames, config) = (run.frames.as_ref(), &run.config);
             calibrate(&mut weights, frames, config, run.device(), |_, _| {})?;
         }

@@ -2,6 +2,7 @@
 //! far predictions are off.
 
 use super::error_calibration::{ErrorCalibration, error_calibration};
+use super::truth::random_task;
 use super::{Scenes, TrainConfig};
 use crate::predict;
 use burn::tensor::Device;
@@ -35,6 +36,9 @@ const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 /// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
 const NUMBERS: [(usize, u64); LAMBDA_COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
+/// Depths of a frame at least: the fewest points are half of them.
+const FEWEST: usize = 2 * NUMBERS[0].0;
+
 /// The shares of errors within intervals of 68.27 and 95.45 %, on scenes or frames left out ([`Scenes::unit`]), for each of
 /// [`NUMBERS`](super::error_calibration::NUMBERS).
 pub type IntervalCoverage = [(f64, f64); CALIBRATION_NODES];
@@ -45,6 +49,9 @@ pub type IntervalCoverage = [(f64, f64); CALIBRATION_NODES];
 /// frames best takes the place of the strength of the noise, for few and for many points, and the
 /// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the
 /// number of frames seen and of all.
+///
+/// Where [`keeps_prior`], mean and covariance stay as they are. [Sparse](Frame::is_sparse) depths are divided: at most
+/// half of those of a frame are given, and errors are measured at the others.
 ///
 /// # Errors
 /// Frames that cannot be read, or fewer than two.
@@ -73,6 +80,12 @@ pub fn calibrate(
         tracing::info!("the prior is learned from {IMAGES} of {count} training frames");
         training.truncate(IMAGES);
     }
+    let kept = if keeps_prior(weights, frames)? {
+        training.clear();
+        weights.prior()?.map(|(prior, _)| prior)
+    } else {
+        None
+    };
     let completer = predict::completer(weights, device)?;
     let fit = FitConfig {
         prior: PriorKind::Learned,
@@ -98,7 +111,7 @@ pub fn calibrate(
         done += some.len();
         progress(done, total);
     }
-    let prior = Prior::learn(&images)?;
+    let prior = kept.map_or_else(|| Prior::learn(&images), Ok)?;
     let unknown = NoisePrior {
         mean: prior.noise().mean,
         deviation: None,
@@ -127,14 +140,15 @@ pub fn calibrate(
     let mut ratios = Ratios::new(config.seed);
     for &index in &held_out {
         let frame = load(index)?;
-        let points = Observations::from_map(&Pattern::Exactly(500).draw(&frame, config.seed)?);
+        let task = random_task(&frame, 500, config.seed)?;
+        let points = Observations::from_map(&task.sparse);
         let completion = scene(&completer, &frame.rgb)?.complete(&points)?;
         let few = scene(&plain, &frame.rgb)?.complete(&points)?;
         lambdas.extend(few.report().lambda.map(f64::ln));
         let depth = completion.depth()?;
         let deviations = completion.standard_deviation()?;
         let pixels = depth.values().iter().zip(deviations.values());
-        for ((depth, deviation), truth) in pixels.zip(frame.depth.values()) {
+        for ((depth, deviation), truth) in pixels.zip(task.truth.values()) {
             if *truth > 0.0 && *deviation > 0.0 {
                 ratios.add((depth - truth).abs() / deviation);
             }
@@ -164,6 +178,15 @@ pub fn calibrate(
         return Ok(learned.coverage);
     }
     Ok(None)
+}
+
+/// Whether [`calibrate`] keeps the prior that weights have: fewer frames than basis functions do not show how their
+/// weights vary.
+///
+/// # Errors
+/// A damaged prior.
+pub fn keeps_prior(weights: &Weights, frames: &dyn Dataset) -> Result<bool> {
+    Ok(frames.len() < weights.network.bases && weights.prior()?.is_some())
 }
 
 /// Those of some lambdas whose errors are the smallest, for each number of points.
@@ -252,9 +275,10 @@ fn errors(
             let mut means = [0.0; LAMBDA_COUNTS];
             for (mean, (points, draws)) in means.iter_mut().zip(NUMBERS) {
                 for draw in 0..draws {
-                    let sparse = Pattern::Exactly(points).draw(&frame, seed + draw)?;
-                    let found = scene.complete(&Observations::from_map(&sparse))?.depth()?;
-                    let scores = Scores::of(&found, &frame.depth, &Rules::default())?;
+                    let task = random_task(&frame, points, seed + draw)?;
+                    let given = Observations::from_map(&task.sparse);
+                    let found = scene.complete(&given)?.depth()?;
+                    let scores = Scores::of(&found, &task.truth, &Rules::default())?;
                     for metric in [Metric::Rmse, Metric::Rel] {
                         *mean += scores[metric].max(f64::MIN_POSITIVE).ln() / draws as f64;
                     }
@@ -274,8 +298,9 @@ fn errors(
 
 fn frame(frames: &dyn Dataset, index: usize, protocol: &Protocol) -> Result<Frame> {
     let frame = protocol.apply(&frames.load(index)?)?;
-    if frame.depth.count() == 0 {
-        return Err(Error::shape(format!("frame `{}` has no depth", frame.id)));
+    if frame.depth.count() < FEWEST {
+        let what = format!("frame `{}` has fewer than {FEWEST} depths", frame.id);
+        return Err(Error::shape(what).hint("calibrate without this frame"));
     }
     Ok(frame)
 }

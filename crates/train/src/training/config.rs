@@ -207,6 +207,9 @@ impl TrainConfig {
                 "`train.learning_rate` must be above 0 and `weight_decay` at least 0",
             ));
         }
+        if self.protocol.pixels == Some(0) {
+            return Err(Error::config("`train.protocol.pixels` must be above 0"));
+        }
         if !(self.backbone.rate >= 0.0 && self.backbone.rate.is_finite()) {
             return Err(Error::config("`train.backbone.rate` must be at least 0"));
         }

@@ -1,17 +1,20 @@
 //! The distribution of the errors of completed depth, learned from frames that the network has not seen.
 
+use super::truth::{limited, task};
 use super::{Scenes, TrainConfig};
 use lsdc_core::fit::{CALIBRATION_NODES, CalibrationNode, ErrorModel, ErrorSample, student_t};
 use lsdc_core::{Completer, Observation, Observations};
-use lsdc_eval::data::{Dataset, DepthMap, Frame};
+use lsdc_eval::data::{Dataset, DepthMap, Frame, Point};
 use lsdc_eval::predict::scene;
-use lsdc_eval::sampling::Pattern;
+use lsdc_eval::sampling::{CompletionTask, Pattern};
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::{self as rng, Rng};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Numbers of points at which the distribution is learned.
 pub const NUMBERS: [usize; CALIBRATION_NODES] = [5, 50, 500, 5000];
+const MOST: usize = NUMBERS[CALIBRATION_NODES - 1];
 /// Frames that it is learned from at most.
 const FRAMES: usize = 80;
 /// Pixels of each completion.
@@ -34,7 +37,8 @@ type Errors = [Vec<ErrorSample>; CALIBRATION_NODES];
 
 /// Learns the distribution of errors from some of the frames at `which`, the same number of each scene as far as
 /// there are as many, with points in six ways: drawn at random, on a grid, on lines, at corners, in one half of the
-/// image, and drawn at random with noise of known standard deviations.
+/// image, and drawn at random with noise of known standard deviations. Of sparse depths, at most half are given,
+/// whatever the number is.
 ///
 /// # Errors
 /// Frames that cannot be read, or too few to learn from.
@@ -48,17 +52,24 @@ pub(super) fn error_calibration(
 ) -> Result<ErrorCalibration> {
     let mut chosen = scenes.spread(frames, which, "errors");
     chosen.truncate(FRAMES);
-    let done = std::sync::atomic::AtomicUsize::new(0);
+    let (done, halved) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let found: Vec<(&str, Errors)> = chosen
         .par_iter()
         .map(|&index| {
             let frame = config.protocol.apply(&frames.load(index)?)?;
+            if limited(&frame, MOST) < MOST {
+                halved.fetch_add(1, Ordering::Relaxed);
+            }
             let errors = errors(completer, &frame, config.seed)?;
-            let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            let count = done.fetch_add(1, Ordering::Relaxed);
             progress(count + 1, chosen.len());
             Ok((scenes.name(index), errors))
         })
         .collect::<Result<_>>()?;
+    let (halved, count) = (halved.into_inner(), chosen.len());
+    if halved > 0 {
+        tracing::info!("of {halved} of {count} frames half of the depths are given, not {MOST}");
+    }
     let learned = |wanted: &dyn Fn(&str) -> bool| -> Option<ErrorModel> {
         let mut knots = Vec::new();
         for (i, number) in NUMBERS.into_iter().enumerate() {
@@ -106,11 +117,17 @@ fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
     let scene = scene(completer, &frame.rgb)?;
     let mut found = Errors::default();
     for (samples, number) in found.iter_mut().zip(NUMBERS) {
-        for (name, points) in arrangements(frame, number, seed)? {
-            if points.count() == 0 {
+        // A pattern may meet next to none of sparse depths: that is no completion of this number of points.
+        let fewest = if frame.is_sparse() {
+            NUMBERS[0].max(limited(frame, number) / 2)
+        } else {
+            1
+        };
+        for (name, CompletionTask { sparse, truth }) in arrangements(frame, number, seed)? {
+            if sparse.count() < fewest {
                 continue;
             }
-            let points = Observations::from_map(&points);
+            let points = Observations::from_map(&sparse);
             let points = if name == "measured" {
                 measured(&points, &frame.id, seed)
             } else {
@@ -120,20 +137,10 @@ fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
             let (features, (height, width)) = completion.features()?;
             let mean = completion.mean_depth();
             let mut rng = Rng::stream(seed, &["errors", &frame.id, &number.to_string(), name]);
-            let (rows, columns) = (frame.depth.height(), frame.depth.width());
             let (mut known, mut places) = (Vec::new(), Vec::new());
-            for _ in 0..PIXELS {
-                let block = rng.below((height * width) as u32) as usize;
-                let across = |at: usize, from: usize, to: usize| {
-                    let place = (at as f64 + 0.5) * to as f64 / from as f64;
-                    (place as usize).min(to - 1)
-                };
-                let x = across(block % width, width, columns);
-                let y = across(block / width, height, rows);
-                if frame.depth.at(x, y) > 0.0 {
-                    known.push((features[block], frame.depth.at(x, y)));
-                    places.push([x as f64, y as f64]);
-                }
+            for (block, point) in pixels(&truth, frame.is_sparse(), (height, width), &mut rng) {
+                known.push((features[block], point.depth));
+                places.push([point.x as f64, point.y as f64]);
             }
             let depths = completion.at(&places)?;
             let pairs = known.into_iter().zip(depths);
@@ -145,10 +152,50 @@ fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
     Ok(found)
 }
 
-/// About `number` points of a frame, in different patterns.
-fn arrangements(frame: &Frame, number: usize, seed: u64) -> Result<Vec<(&'static str, DepthMap)>> {
+/// Some pixels with true depths, and their blocks on a grid of these rows and columns: the middles of random blocks, as
+/// far as they are known, or of sparse depths any pixels that are.
+fn pixels(
+    truth: &DepthMap,
+    is_sparse: bool,
+    (height, width): (usize, usize),
+    rng: &mut Rng,
+) -> Vec<(usize, Point)> {
+    let (rows, columns) = (truth.height(), truth.width());
+    let across = |at: usize, from: usize, to: usize| {
+        let place = (at as f64 + 0.5) * to as f64 / from as f64;
+        (place as usize).min(to - 1)
+    };
+    if is_sparse {
+        let mut points: Vec<Point> = truth.points().collect();
+        rng.choose(&mut points, PIXELS);
+        points.truncate(PIXELS);
+        let block = |p: &Point| across(p.y, rows, height) * width + across(p.x, columns, width);
+        return points.into_iter().map(|p| (block(&p), p)).collect();
+    }
+    let blocks = (0..PIXELS).map(|_| rng.below((height * width) as u32) as usize);
+    let middles = blocks.map(|block| {
+        let x = across(block % width, width, columns);
+        let y = across(block / width, height, rows);
+        let depth = truth.at(x, y);
+        (block, Point { x, y, depth })
+    });
+    middles.filter(|(_, point)| point.depth > 0.0).collect()
+}
+
+/// About `number` points of a frame, in different patterns, and what they are compared with.
+fn arrangements(
+    frame: &Frame,
+    number: usize,
+    seed: u64,
+) -> Result<Vec<(&'static str, CompletionTask)>> {
+    let number = limited(frame, number);
     let (height, width) = (frame.depth.height(), frame.depth.width());
-    let step = ((height * width) as f64 / number as f64).sqrt() as usize;
+    let candidates = if frame.is_sparse() {
+        frame.depth.count()
+    } else {
+        height * width
+    };
+    let step = (candidates as f64 / number as f64).sqrt() as usize;
     // A laser scanner of 64 lines has 5,000 points in an image of this kind.
     let lines = ((number as f64).powf(0.45).round() as usize).max(2);
     let lines = Pattern::Lines(lines).draw(frame, seed)?;
@@ -159,14 +206,22 @@ fn arrangements(frame: &Frame, number: usize, seed: u64) -> Result<Vec<(&'static
         };
         Pattern::Exactly(number).draw(&frame, seed)
     };
-    Ok(vec![
+    let mut grid = Pattern::Grid(step.max(1)).draw(frame, seed)?;
+    if frame.is_sparse() {
+        grid = thinned(grid)?;
+    }
+    let found = [
         ("uniform", Pattern::Exactly(number).draw(frame, seed)?),
-        ("grid", Pattern::Grid(step.max(1)).draw(frame, seed)?),
+        ("grid", grid),
         ("lines", thinned(lines)?),
         ("corners", Pattern::Corners(number).draw(frame, seed)?),
         ("half", Pattern::Half(number).draw(frame, seed)?),
         ("measured", Pattern::Exactly(number).draw(frame, seed + 1)?),
-    ])
+    ];
+    let tasks = found.into_iter();
+    tasks
+        .map(|(name, points)| Ok((name, task(frame, points)?)))
+        .collect()
 }
 
 /// The same points as measured with noise of known standard deviations, which differ from point to point.

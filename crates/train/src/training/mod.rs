@@ -24,9 +24,10 @@ mod scenes;
 mod schedule;
 mod setup;
 mod step;
+mod truth;
 
 pub use basis_functions::BasisFunctions;
-pub use calibrate::{IntervalCoverage, calibrate, learn_errors};
+pub use calibrate::{IntervalCoverage, calibrate, keeps_prior, learn_errors};
 pub use compare::Losses;
 pub use config::{BackboneTraining, HeldOutUnit, OptimiserKind, TrainConfig, TrainedPart};
 pub use distillation::{DistillTarget, TeacherConfig, TeacherOutput};

@@ -2,9 +2,9 @@
 
 use super::record::TrainingRecord;
 use super::run::{Subject, Trainer};
+use super::truth::random_task;
 use lsdc_eval::metrics::{Rules, ScoreAccumulator, Scores};
 use lsdc_eval::predict::DepthCompleter;
-use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::{Cause, Error, Result};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -18,9 +18,9 @@ impl<S: Subject> Trainer<S> {
         let mut accumulator = ScoreAccumulator::default();
         for &index in &self.held_out {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
-            let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
-            let depth = method.depth(&frame.rgb, &sparse)?;
-            accumulator.add(&Scores::of(&depth, &frame.depth, &Rules::default())?);
+            let task = random_task(&frame, 500, 0)?;
+            let depth = method.depth(&frame.rgb, &task.sparse)?;
+            accumulator.add(&Scores::of(&depth, &task.truth, &Rules::default())?);
         }
         Ok(accumulator.mean().unwrap_or_default())
     }

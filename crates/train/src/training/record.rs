@@ -2,6 +2,8 @@
 
 use super::TrainConfig;
 use super::log::seconds;
+use lsdc_core::fit::Prior;
+use lsdc_core::network::NetworkConfig;
 use lsdc_files::error::Result;
 use lsdc_weights::history::{self, HistoryEntry, SourceWeights};
 use lsdc_weights::open_weights;
@@ -14,6 +16,8 @@ use std::path::Path;
 pub struct TrainingRecord {
     /// Of the weights that it starts from.
     before: Vec<HistoryEntry>,
+    /// The network of these, and their prior.
+    start: Option<(NetworkConfig, Prior)>,
     sources: Vec<SourceWeights>,
     data: Value,
     settings: Value,
@@ -22,8 +26,11 @@ pub struct TrainingRecord {
 impl TrainingRecord {
     pub(super) fn new(config: &TrainConfig, data: Value, settings: Value) -> Result<Self> {
         let (mut before, mut sources) = (Vec::new(), Vec::new());
+        let mut prior = None;
         if let Some(start) = &config.start {
-            before = history::read(&open_weights(Some(start))?.notes)?;
+            let weights = open_weights(Some(start))?;
+            before = history::read(&weights.notes)?;
+            prior = weights.prior()?.map(|(prior, _)| (weights.network, prior));
             sources.push(SourceWeights::without_history("start", Some(start))?);
         }
         if let Some(path) = &config.backbone.pretrained {
@@ -35,14 +42,21 @@ impl TrainingRecord {
             });
         }
         if let Some(teacher) = &config.teacher {
-            sources.push(SourceWeights::open("teacher", &teacher.weights)?);
+            sources.push(teacher.source()?);
         }
         Ok(Self {
             before,
+            start: prior,
             sources,
             data,
             settings,
         })
+    }
+
+    /// The prior of the weights that it starts from, if it is one over functions such as those of a network.
+    pub(super) fn start_prior(&self, network: &NetworkConfig) -> Option<&Prior> {
+        let (start, prior) = self.start.as_ref()?;
+        (start.bases == network.bases && start.mean == network.mean).then_some(prior)
     }
 
     /// Adds it to the notes of weights whose run in `folder` has made its last step.

@@ -4,7 +4,7 @@ use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::{Log, TrainingEvent};
 use super::record::TrainingRecord;
-use super::setup::{input_size, sampler};
+use super::setup::{batch_protocol, input_size, sampler};
 use super::{Learner, TrainConfig};
 use crate::device::Device;
 use crate::sample::{Batch, Loader, Sample, Sampler};
@@ -101,6 +101,10 @@ impl<S: Subject> Trainer<S> {
         let mixture = frames.into();
         check(&config, &mixture, devices)?;
         let frames = mixture.first().clone();
+        let config = TrainConfig {
+            protocol: batch_protocol(&config.protocol, frames.as_ref())?,
+            ..config
+        };
         let normalisation = normalisation(input_size(&config.protocol, frames.as_ref())?);
         let (_, held_out) = config.divide(frames.as_ref())?;
         Ok(Self {

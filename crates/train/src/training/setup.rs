@@ -131,6 +131,14 @@ pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler>
     Sampler::new(frames, order, config)
 }
 
+/// The protocol by which all frames of a batch are alike: one that keeps the shape of each frame takes that of the first.
+pub(super) fn batch_protocol(protocol: &Protocol, frames: &dyn Dataset) -> Result<Protocol> {
+    if protocol.pixels.is_none() || frames.is_empty() {
+        return Ok(*protocol);
+    }
+    Ok(protocol.sized_as(&frames.load(0)?))
+}
+
 /// The height and width at which the network learns: the protocol's, or those of the first frame.
 pub(super) fn input_size(protocol: &Protocol, frames: &dyn Dataset) -> Result<[usize; 2]> {
     Ok(match protocol.crop.or(protocol.resize) {

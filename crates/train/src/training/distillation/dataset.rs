@@ -1,20 +1,24 @@
 //! Teacher predictions of training frames: depth at pixels without measurements.
 
+use super::relative_depth::{RelativeDepths, relative_depths};
 use crate::predict::completer;
 use crate::sample::F16Cache;
 use burn::tensor::Device;
+use image::RgbImage;
 use lsdc_core::Completer;
 use lsdc_eval::data::{Dataset, DepthMap, Frame, FrameId, Target};
 use lsdc_eval::fit_settings::FitSettings;
-use lsdc_eval::predict::complete;
-use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_eval::predict::{DEPTH_ANYTHING, GuideSpec, MonocularGuide, complete};
+use lsdc_eval::sampling::{Interpolation, Pattern, Protocol, Size, resize_depth};
 use lsdc_files::error::{Error, Result};
-use lsdc_rng::hash;
+use lsdc_rng::{Rng, hash};
 use lsdc_weights::ANYTHING;
+use lsdc_weights::history::SourceWeights;
 use lsdc_weights::{open_weights, weights_hash};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::sync::Arc;
 
 /// What is learned from a teacher.
@@ -36,7 +40,8 @@ pub enum DistillTarget {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TeacherConfig {
-    /// Its weights: a file, or a name of the program.
+    /// Its weights: a file, or a name of the program. `depth-anything` or `depth-anything:SIDE` is Depth Anything V2 Small,
+    /// which predicts relative depths of images without depths.
     pub weights: PathBuf,
     /// How it fits: what differs from the fit of its weights.
     pub fit: FitSettings,
@@ -71,10 +76,49 @@ impl TeacherConfig {
             return Err(Error::config("`train.teacher.points` must be above 0")
                 .hint("leave it out to give the teacher all depths"));
         }
-        if self.tolerance > 0.0 && self.tolerance.is_finite() {
-            return Ok(());
+        if !(self.tolerance > 0.0 && self.tolerance.is_finite()) {
+            return Err(Error::config("`train.teacher.tolerance` must be above 0"));
         }
-        Err(Error::config("`train.teacher.tolerance` must be above 0"))
+        let of_points = self.target != DistillTarget::Images
+            || self.points.is_some()
+            || self.fit != FitSettings::default();
+        if of_points && self.guide()?.is_some() {
+            let what = "the teacher `depth-anything` sees images alone";
+            return Err(Error::config(what).hint(
+                "set `train.teacher.target` to \"images\", and leave out `points` and `fit`",
+            ));
+        }
+        Ok(())
+    }
+
+    /// The teacher among the weights that others were made from.
+    ///
+    /// # Errors
+    /// A teacher that cannot be read.
+    pub(crate) fn source(&self) -> Result<SourceWeights> {
+        let role = "teacher";
+        let Some(network) = self.monocular()? else {
+            return SourceWeights::open(role, &self.weights);
+        };
+        Ok(SourceWeights {
+            role: role.to_owned(),
+            weights: self.weights.display().to_string(),
+            contents: network.hash().to_owned(),
+            history: Vec::new(),
+        })
+    }
+
+    /// Depth Anything, if that is the teacher.
+    fn guide(&self) -> Result<Option<GuideSpec>> {
+        let name = self.weights.to_str();
+        let name = name.filter(|name| name.starts_with(DEPTH_ANYTHING));
+        let guide = name.map(GuideSpec::from_str).transpose()?;
+        Ok(guide.filter(|guide| matches!(guide, GuideSpec::DepthAnything(_))))
+    }
+
+    /// The same, read from the user's data folder.
+    fn monocular(&self) -> Result<Option<MonocularGuide>> {
+        MonocularGuide::open(self.guide()?.as_ref())
     }
 
     /// What its predictions depend on beside the frames: the weights, the fit, and the numerics of the program.
@@ -83,6 +127,9 @@ impl TeacherConfig {
     /// # Errors
     /// Weights that cannot be read, or a fit out of range.
     pub fn identity(&self) -> Result<Value> {
+        if let Some(network) = self.monocular()? {
+            return Ok(json!([lsdc_weights::golden(), network.made_from()]));
+        }
         let weights = open_weights(Some(&self.weights))?;
         let fit = self.fit.over(&weights.fit()?.unwrap_or_default())?;
         let encoder = weights.network.extractor.encoder > 0;
@@ -93,6 +140,14 @@ impl TeacherConfig {
             "fit": fit,
         }))
     }
+}
+
+/// What predicts depths.
+enum TeacherNetwork {
+    /// A network of ours, from points.
+    Completer(Box<Completer>),
+    /// Depth Anything, from photographs alone.
+    Monocular(MonocularGuide),
 }
 
 /// A dataset whose frames were scaled by a protocol and then seen by a teacher: each has a depth at every pixel, the
@@ -140,13 +195,14 @@ impl Dataset for DistilledDataset {
     }
 
     fn load(&self, index: usize) -> Result<Frame> {
-        self.teacher
-            .distilled(self.protocol.scale(&self.frames.load(index)?)?)
+        let frame = self.frames.load(index)?;
+        let scaled = self.protocol.scale(&frame)?;
+        self.teacher.distilled(scaled, &frame.rgb)
     }
 }
 
 struct Teacher {
-    completer: Completer,
+    network: TeacherNetwork,
     config: TeacherConfig,
     /// Changes with the teacher.
     identity: String,
@@ -155,19 +211,27 @@ struct Teacher {
 
 impl Teacher {
     fn new(config: &TeacherConfig) -> Result<Self> {
-        // Run by the threads that load frames, whatever the device of the training.
-        let completer = completer(&open_weights(Some(&config.weights))?, &Device::flex())?;
-        let fit = config.fit.over(completer.fit_config())?;
+        let network = match config.monocular()? {
+            Some(network) => TeacherNetwork::Monocular(network),
+            None => {
+                // Run by the threads that load frames, whatever the device of the training.
+                let weights = open_weights(Some(&config.weights))?;
+                let completer = completer(&weights, &Device::flex())?;
+                let fit = config.fit.over(completer.fit_config())?;
+                TeacherNetwork::Completer(Box::new(completer.with_fit(fit)))
+            }
+        };
         Ok(Self {
-            completer: completer.with_fit(fit),
+            network,
             identity: config.identity()?.to_string(),
             cache: F16Cache::new(config.folder.clone()),
             config: config.clone(),
         })
     }
 
-    /// Gives a frame depths at every pixel and a target, if the target needs predictions for it.
-    fn distilled(&self, mut frame: Frame) -> Result<Frame> {
+    /// Gives a scaled frame depths at every pixel and a target, if the target needs predictions for it. `photograph` is the
+    /// image before it was scaled.
+    fn distilled(&self, mut frame: Frame, photograph: &RgbImage) -> Result<Frame> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
         let count = frame.depth.count();
         let fill = self.config.target != DistillTarget::All;
@@ -180,7 +244,12 @@ impl Teacher {
         if !predicts {
             return Ok(frame);
         }
-        let (depths, deviations) = self.predicted(&frame)?;
+        let (depths, deviations) = match &self.network {
+            TeacherNetwork::Completer(completer) => self.completed(completer, &frame)?,
+            TeacherNetwork::Monocular(network) => {
+                self.monocular(network, photograph, Size::of(&frame.depth))?
+            }
+        };
         let measured = frame.depth.values();
         let pairs = measured.iter().zip(&depths);
         let filled: Vec<f32> = pairs.map(|(&m, &d)| if m > 0.0 { m } else { d }).collect();
@@ -207,8 +276,8 @@ impl Teacher {
         Ok(frame)
     }
 
-    /// Depths and their standard deviations in metres, row by row.
-    fn predicted(&self, frame: &Frame) -> Result<(Vec<f32>, Vec<f32>)> {
+    /// Depths and their standard deviations in metres, row by row, from the frame's points.
+    fn completed(&self, completer: &Completer, frame: &Frame) -> Result<(Vec<f32>, Vec<f32>)> {
         let points = match self.config.points {
             // The same in every run.
             Some(count) => Pattern::Exactly(count).draw(frame, 0)?,
@@ -218,39 +287,41 @@ impl Teacher {
         let key = self.key(frame, &points);
         let mut depths = self
             .cache
-            .get(key, 2 * pixels, || self.compute(frame, &points))?;
+            .get(key, 2 * pixels, || compute(completer, frame, &points))?;
         let deviations = depths.split_off(pixels);
         Ok((depths, deviations))
     }
 
-    /// Depths, then standard deviations. Of an image without depths, what the teacher makes of a single one in its
-    /// centre, with a mean depth of 1: results do not depend on scale.
-    fn compute(&self, frame: &Frame, points: &DepthMap) -> Result<Vec<f32>> {
-        let (width, height) = (points.width(), points.height());
-        let without_points = points.count() == 0;
-        let observed = if without_points {
-            let mut values = vec![0.0; width * height];
-            values[height / 2 * width + width / 2] = 1.0;
-            &DepthMap::new(width, height, values)?
-        } else {
-            points
-        };
-        let located = |e: Error| {
-            let what = format!("the teacher cannot complete frame `{}`", frame.id);
-            Error::new(e.cause(), what).because(e)
-        };
-        let found = complete(&self.completer, &frame.rgb, observed).map_err(located)?;
-        let deviation = found.standard_deviation().map_err(|e| located(e.into()))?;
-        let depth = found.depth()?;
-        let mut values = [depth.values(), deviation.values()].concat();
-        if without_points {
-            let sum: f64 = depth.values().iter().map(|&d| f64::from(d)).sum();
-            let mean = (sum / (width * height) as f64) as f32;
-            for value in &mut values {
-                *value /= mean;
-            }
-        }
-        Ok(values)
+    /// The same with a mean of 1, from a photograph alone. Its inverse depth is what is kept.
+    fn monocular(
+        &self,
+        network: &MonocularGuide,
+        photograph: &RgbImage,
+        size: Size,
+    ) -> Result<(Vec<f32>, Vec<f32>)> {
+        let key = hash(&[
+            self.identity.as_bytes(),
+            &size.width.to_le_bytes(),
+            &photograph.width().to_le_bytes(),
+            photograph.as_raw(),
+        ]);
+        let pixels = size.width * size.height;
+        let inverse = self.cache.get(key, pixels, || {
+            let map = network.inverse_depth(photograph)?;
+            let map = resize_depth(&map, size, Interpolation::PilBilinear)?;
+            Ok(map.values().to_vec())
+        })?;
+        let mut rng = Rng::stream(key, &["shift"]);
+        let RelativeDepths {
+            mut depths,
+            mut deviations,
+        } = relative_depths(&inverse, &mut rng);
+        let known = depths.iter().filter(|depth| **depth > 0.0);
+        let (count, sum) = known.fold((0, 0.0), |(n, sum), &d| (n + 1, sum + f64::from(d)));
+        let mean = (sum / f64::from(count.max(1))) as f32;
+        let values = depths.iter_mut().chain(&mut deviations);
+        values.for_each(|value| *value /= mean);
+        Ok((depths, deviations))
     }
 
     /// A number that changes with everything that a prediction depends on.
@@ -264,6 +335,36 @@ impl Teacher {
             &depths,
         ])
     }
+}
+
+/// Depths, then standard deviations. Of an image without depths, what the teacher makes of a single one in its
+/// centre, with a mean depth of 1: results do not depend on scale.
+fn compute(completer: &Completer, frame: &Frame, points: &DepthMap) -> Result<Vec<f32>> {
+    let (width, height) = (points.width(), points.height());
+    let without_points = points.count() == 0;
+    let observed = if without_points {
+        let mut values = vec![0.0; width * height];
+        values[height / 2 * width + width / 2] = 1.0;
+        &DepthMap::new(width, height, values)?
+    } else {
+        points
+    };
+    let located = |e: Error| {
+        let what = format!("the teacher cannot complete frame `{}`", frame.id);
+        Error::new(e.cause(), what).because(e)
+    };
+    let found = complete(completer, &frame.rgb, observed).map_err(located)?;
+    let deviation = found.standard_deviation().map_err(|e| located(e.into()))?;
+    let depth = found.depth()?;
+    let mut values = [depth.values(), deviation.values()].concat();
+    if without_points {
+        let sum: f64 = depth.values().iter().map(|&d| f64::from(d)).sum();
+        let mean = (sum / (width * height) as f64) as f32;
+        for value in &mut values {
+            *value /= mean;
+        }
+    }
+    Ok(values)
 }
 
 #[cfg(test)]
@@ -305,7 +406,9 @@ mod tests {
     }
 
     fn taught(config: &TeacherConfig, frame: Frame) -> Frame {
-        Teacher::new(config).unwrap().distilled(frame).unwrap()
+        let photograph = frame.rgb.clone();
+        let teacher = Teacher::new(config).unwrap();
+        teacher.distilled(frame, &photograph).unwrap()
     }
 
     /// Within the 11 bits of half precision.
