@@ -1,5 +1,5 @@
 //! Completed depth is what it was: results for rooms, on coarse grids, are those of `crates/weights/golden`
-//! at every instruction set.
+//! at every instruction set. So are predictions of a tiny Depth Anything.
 //!
 //! A change of numerics fails here until the file is updated on purpose:
 //!
@@ -10,10 +10,17 @@
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
+mod depth_anything;
+
 use lsdc::config::Config;
 use lsdc_classic::Classic;
 use lsdc_core::fit::{Changes, FitConfig, FitMethod, Loss, PriorKind, Robust, Space};
-use lsdc_core::{Completer, Completion, DepthGuide, GuideKind, Observation, Observations};
+use lsdc_core::network::{DepthHead, Encoder, EncoderConfig};
+use lsdc_core::weights::Tensor;
+use lsdc_core::{
+    Channels, Completer, Completion, DepthAnything, DepthGuide, GuideKind, Image, Observation,
+    Observations,
+};
 use lsdc_eval::data::{Dataset, DepthMap, Frame, Rooms, RoomsConfig, Split};
 use lsdc_eval::metrics::{Metric, Rules, Scores};
 use lsdc_eval::predict::{complete_classic, guided_scene, scene};
@@ -266,6 +273,8 @@ fn compute() -> Results {
             of_network(&mut results, name, &completer, input);
         }
     }
+    let name = "depth-anything/inverse depth".to_owned();
+    results.insert(name, inverse_depth(&inputs[2].frame));
     // What else numbers of evaluations are made of: other methods, resizing, measures.
     let frame = room(2, (304, 228));
     let protocol = Protocol {
@@ -309,6 +318,22 @@ fn compute() -> Results {
     let tolerance = TOLERANCE_TRAINED * values[0];
     results.insert("training/losses".into(), Result { values, tolerance });
     results
+}
+
+/// What guides are made of, by encoder and depth head of random weights: the published ones are not in the program.
+fn inverse_depth(frame: &Frame) -> Result {
+    let (width, height) = (frame.rgb.width() as usize, frame.rgb.height() as usize);
+    let image = Image::new(width, height, Channels::Rgb, frame.rgb.as_raw()).unwrap();
+    let network = depth_anything::network();
+    let (values, (height, width)) = network
+        .inverse_depth(&image, DepthAnything::SHORT_SIDE)
+        .unwrap();
+    let largest = values.iter().fold(0.0, |most: f32, v| most.max(*v));
+    assert!(largest > 0.0);
+    Result {
+        values: grid(&DepthMap::new(width, height, values).unwrap()),
+        tolerance: TOLERANCE * largest,
+    }
 }
 
 /// The losses of the first steps of a training, which its gradients decide.

@@ -2,14 +2,14 @@
 
 use super::args::{Eval, Model};
 use super::names::Names;
-use super::network::{open_completer, open_system, system_candidates};
+use super::network::{open_completer, open_guide, open_system, system_candidates};
 use super::{Exit, settings, ui};
 use lsdc_core::Completer;
 use lsdc_core::fit::FitMethod;
 use lsdc_eval::data::{DataConfig, check_output, write_atomically, write_npy};
 use lsdc_eval::evaluation::{Candidate, Evaluation, Journal};
 use lsdc_eval::fit_settings::FitSettings;
-use lsdc_eval::predict::{GuideSpec, Guides, Method, MonocularGuide};
+use lsdc_eval::predict::{GuideSpec, Guides, Method};
 use lsdc_eval::report::{EvaluationReport, ExampleFrame, Heading};
 use lsdc_eval::sampling::ProtocolPreset;
 use lsdc_files::error::{Error, Result};
@@ -42,11 +42,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         .then(|| network(args, &config.fit))
         .transpose()?;
     check_guides(args, network.as_ref().map(|(completer, _)| completer))?;
-    let monocular = match &args.guide {
-        Some(GuideSpec::DepthAnything(short_side)) => Some(MonocularGuide::open(*short_side)?),
-        Some(GuideSpec::Files(_)) | None => None,
-    };
-    let guides = match (&args.guide, &monocular) {
+    let guide = args.guide.clone();
+    let guide = guide.map(|guide| guide.with_head(args.head)).transpose()?;
+    let monocular = open_guide(guide.as_ref(), &args.model.device)?;
+    let guides = match (&guide, &monocular) {
         (Some(GuideSpec::Files(source)), _) => Some(Guides::Files(source)),
         (_, monocular) => monocular.as_ref().map(Guides::Predicted),
     };

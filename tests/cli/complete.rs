@@ -121,6 +121,24 @@ fn training_steps_of_a_configuration_are_timed() {
 }
 
 #[test]
+fn only_guides_that_are_predicted_are_timed() {
+    let folder = room();
+    let refuses = |args: &[&str], words: &[&str]| {
+        let bench = ["bench", "--runs", "1", "--size", "64x48", "--guide"];
+        refused(folder.path(), &[&bench[..], args].concat(), words);
+    };
+    refuses(
+        &["map.npy"],
+        &["read, not predicted", "depth-anything:SIDE"],
+    );
+    let two = ["depth-anything:252,depth-anything"];
+    refuses(&two, &["`lsdc weights get anything`"]);
+    let classic = ["depth-anything", "--method", "linear"];
+    refuses(&classic, &["`--guide`", "need method `lsdc`"]);
+    refuses(&["depth-anything", "--training"], &["--training"]);
+}
+
+#[test]
 fn a_training_that_cannot_begin_leaves_no_folder() {
     let folder = room();
     let at = folder.path();

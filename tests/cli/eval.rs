@@ -215,6 +215,10 @@ fn guides_are_given_to_the_frames_of_their_names() {
         &["--guide", "depth-anything"],
         &["Depth Anything V2 Small", "`lsdc weights get anything`"],
     );
+    refuses(
+        &["--guide", "frames/gt", "--head", "published"],
+        &["`--head`", "--guide depth-anything"],
+    );
 }
 
 #[test]

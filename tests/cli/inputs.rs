@@ -438,6 +438,18 @@ fn a_guide_is_used_or_said_not_to_be() {
     ];
     refused_with(&predicted, &install);
     refused_with(
+        &[&predicted[..], &["--head", "published"]].concat(),
+        &install,
+    );
+    for head in ["learned", "published"] {
+        let files = [&frame[..], &["good.npy", "--head", head]].concat();
+        refused_with(&files, &["`--head`", "--guide depth-anything"]);
+    }
+    refused_with(
+        &["rgb.png", "sparse.npy", "--head", "learned"],
+        &["--guide"],
+    );
+    refused_with(
         &[&frame[..], &["depth-anything:100"]].concat(),
         &["252 to 518"],
     );

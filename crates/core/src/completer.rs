@@ -1,5 +1,6 @@
 //! A trained network with the settings of the fit, ready to complete images.
 
+use crate::ensemble::Quality;
 use crate::error::{Result, SettingsError};
 use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
 use crate::network::{ColourAffinity, CpuNetwork, Encoder, Network};
@@ -47,6 +48,7 @@ pub struct Completer {
     deviation: f64,
     /// The distribution of the errors of the joint fit.
     errors: Option<ErrorModel>,
+    quality: Quality,
     pool: Option<Arc<ThreadPool>>,
 }
 
@@ -192,6 +194,7 @@ impl<'a> CompleterBuilder<'a> {
             prior,
             deviation,
             errors,
+            quality: Quality::default(),
             pool,
         })
     }
@@ -257,6 +260,7 @@ impl Completer {
             prior: Some(Arc::new(Prior::new(&[1.0], &[0.0], unknown)?)),
             deviation: 1.0,
             errors: None,
+            quality: Quality::default(),
             pool: None,
         })
     }
@@ -303,6 +307,38 @@ impl Completer {
             normalisation,
             ..self.clone()
         })
+    }
+
+    /// The same completer with scenes of another quality, which is [`Quality::Standard`] otherwise.
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")]
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// # use lsdc_core::{Channels, Completer, Image, Observations, Quality, Weights};
+    /// # let completer = Completer::new(&Weights::builtin_small())?;
+    /// # let rgb: Vec<u8> = (0..3 * 64 * 48).map(|i| (i / 7 % 251) as u8).collect();
+    /// # let image = Image::new(64, 48, Channels::Rgb, &rgb)?;
+    /// # let mut points = Observations::new();
+    /// # (0..30).for_each(|i| points.add(f64::from(37 * i % 64), f64::from(29 * i % 48), 2.0));
+    /// let scene = completer.with_quality(Quality::Best).scene(&image)?;
+    /// let depth = scene.complete(&points)?.depth()?;
+    /// # assert!((depth.at(31, 24) - 2.0).abs() < 0.2);
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "weights"))]
+    /// # fn main() {}
+    /// ```
+    #[must_use]
+    pub fn with_quality(&self, quality: Quality) -> Self {
+        Self {
+            quality,
+            ..self.clone()
+        }
+    }
+
+    /// The quality of scenes.
+    pub fn quality(&self) -> Quality {
+        self.quality
     }
 
     /// The same completer with another prior over the weights and uncalibrated standard deviations.

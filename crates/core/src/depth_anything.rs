@@ -142,6 +142,7 @@ impl DepthAnything {
 
     /// Frees the memory that is kept for further images.
     pub fn release(&self) {
+        self.0.encoder.release();
         self.0.head.release();
     }
 }

@@ -1,6 +1,7 @@
 //! A dense prediction of depth by other means, as more basis functions.
 
 use crate::bilinear::InterpolationWeights;
+use crate::ensemble::mirrored;
 use crate::error::{ImageError, Result};
 use crate::fit::median;
 use crate::image::check_length;
@@ -100,6 +101,24 @@ impl DepthGuide {
     /// The number of pixels without a usable value.
     pub fn missing(&self) -> usize {
         self.0.missing
+    }
+
+    /// The guide of the mirror image.
+    pub(crate) fn mirrored(&self) -> Self {
+        let Inner {
+            height,
+            width,
+            ref functions,
+            count,
+            missing,
+        } = *self.0;
+        Self(Arc::new(Inner {
+            height,
+            width,
+            functions: mirrored(functions, width, count),
+            count,
+            missing,
+        }))
     }
 
     /// The number of basis functions.

@@ -64,6 +64,7 @@ mod completion;
 mod depth_anything;
 mod depth_guide;
 mod detail;
+mod ensemble;
 mod error;
 #[doc(hidden)]
 pub mod field;
@@ -100,6 +101,7 @@ pub use completer::{Completer, CompleterBuilder};
 pub use completion::{Completion, Outlier, Report};
 pub use depth_anything::DepthAnything;
 pub use depth_guide::{DepthGuide, GuideKind};
+pub use ensemble::Quality;
 pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError};
 pub use fit::RANGE;
 pub use image::{Channels, Image, MAX_PIXELS};

@@ -6,6 +6,7 @@ mod variants;
 use crate::bilinear::InterpolationWeights;
 use crate::completer::Completer;
 use crate::depth_guide::DepthGuide;
+use crate::ensemble::{Quality, mirrored};
 use crate::error::Result;
 use crate::field;
 use crate::fit::{
@@ -28,7 +29,8 @@ const MOST_EVALUATED: usize = 1 << 13;
 
 /// The basis functions and affinities of an image.
 ///
-/// Holds everything that depends on the image alone, so that new points for the same image cost only a fit.
+/// Holds everything that depends on the image alone, so that new points for the same image cost only a fit. At
+/// [`Quality::Best`], also that of the mirror image, and completions are means of two.
 /// Cheap to clone, and can be shared between threads.
 #[derive(Clone)]
 pub struct Scene(Arc<Inner>);
@@ -51,6 +53,8 @@ struct Inner {
     upsampling: Option<Arc<Upsampling>>,
     /// The last weights that functions were combined with on the grid that depth is solved on, and the map.
     combined: Mutex<Option<Combined>>,
+    /// The scene of the mirror image, at [`Quality::Best`].
+    mirror: Option<Scene>,
     network: Duration,
 }
 
@@ -116,13 +120,33 @@ impl Scene {
     ) -> Result<Self> {
         let started = Instant::now();
         completer.fit_config().check()?;
-        let (height, width) = (image.height(), image.width());
+        let size = (image.height(), image.width());
+        let rgb = image.rgb()?;
+        let mirror = match completer.quality() {
+            Quality::Standard => None,
+            Quality::Best => {
+                let rgb = mirrored(&rgb, size.1, 3);
+                let guide = depth_guide.as_ref().map(DepthGuide::mirrored);
+                let completer = completer.with_quality(Quality::Standard);
+                Some(Self::of(completer, (rgb, size), guide, None, started)?)
+            }
+        };
+        Self::of(completer, (rgb, size), depth_guide, mirror, started)
+    }
+
+    /// The scene of an image of some size (height, width), whose network has run since `started`.
+    fn of(
+        completer: Completer,
+        (rgb, (height, width)): (Vec<u8>, (usize, usize)),
+        depth_guide: Option<DepthGuide>,
+        mirror: Option<Self>,
+        started: Instant,
+    ) -> Result<Self> {
         let normalisation = *completer.normalisation();
         let [rows, columns] = normalisation.input;
         let scale = ((rows * columns) as f64 / (width as f64 * height as f64)).sqrt();
         let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
         let working = (side(height), side(width));
-        let rgb = image.rgb()?;
         let colours = resized(&rgb, (height, width), working)?;
         let values = normalised(&colours, normalisation.mean, normalisation.deviation);
         let has_field = completer.fit_config().method.has_field();
@@ -152,6 +176,7 @@ impl Scene {
             size: (height, width),
             upsampling: upsampling.map(Arc::new),
             combined: Mutex::default(),
+            mirror,
             network: Duration::ZERO,
         };
         inner.needed_affinities()?;
@@ -169,7 +194,7 @@ impl Scene {
         self.0.size.0
     }
 
-    /// The run time of the network.
+    /// The run time of the network, on the mirror image too at [`Quality::Best`].
     pub fn network_time(&self) -> Duration {
         self.0.network
     }

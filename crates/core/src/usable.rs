@@ -1,5 +1,6 @@
 //! Which observations can be used, and why the others cannot.
 
+use crate::ensemble::mirrored_place;
 use crate::error::{FitError, Result};
 use crate::observations::{Observation, Observations};
 use crate::smoothing::Smoothed;
@@ -86,6 +87,20 @@ impl UsableObservations {
             usable.deviations = Some(deviations);
         }
         Ok(usable)
+    }
+
+    /// The same observations in the mirror image of an image of `size` (height, width).
+    pub(crate) fn mirrored(&self, size: (usize, usize)) -> Self {
+        let places = self.places.iter();
+        let places: Vec<[f64; 2]> = places.map(|&place| mirrored_place(place, size.1)).collect();
+        let deviations = self.deviations.as_ref();
+        let smoothed = deviations
+            .and_then(|deviations| Smoothed::new(&places, &self.depths, deviations, size));
+        Self {
+            places,
+            smoothed,
+            ..self.clone()
+        }
     }
 
     /// The depths that are fitted.

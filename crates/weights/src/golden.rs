@@ -3,8 +3,8 @@
 use crate::known::sha256;
 use std::sync::LazyLock;
 
-/// Depth maps, standard deviations and scores for rooms: `tests/golden_depths.rs` of the program fails if it computes
-/// others, until this file is updated.
+/// Depth maps, standard deviations and scores for rooms, and a guide by a tiny network: `tests/golden_depths.rs` of the
+/// program fails if it computes others, until this file is updated.
 static RESULTS: &[u8] = include_bytes!("../golden/depths.safetensors");
 
 /// Identifies what this version computes, by results that it is known to compute: a change of numerics changes it, a

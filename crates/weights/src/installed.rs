@@ -10,6 +10,7 @@ use lsdc_core::{Completer, DepthAnything, Weights};
 use lsdc_files::error::{Error, Result};
 use lsdc_kernels::simd::Level;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 /// Reads the encoder of the weights `anything` from the user's data folder.
@@ -56,6 +57,34 @@ pub enum ResizeLayer {
     Published,
 }
 
+impl ResizeLayer {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Learned, Self::Published];
+
+    /// What `--head` takes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Learned => "learned",
+            Self::Published => "published",
+        }
+    }
+
+    /// Takes both tensors out of a head, which is in the file `path`, and returns this one.
+    fn take_from(self, head: &mut BTreeMap<String, Tensor>, path: &Path) -> Result<Tensor> {
+        let learned = head.remove(LEARNED_LAYER);
+        let published = head.remove(RESIZE_LAYER);
+        let chosen = match self {
+            Self::Learned => resize_layer().or(learned).or(published),
+            Self::Published => published,
+        };
+        chosen.ok_or_else(|| {
+            Error::format(path, format!("has no `{RESIZE_LAYER}`")).hint(
+                "`lsdc weights add FILE` adds it from the published file; only --head published needs it",
+            )
+        })
+    }
+}
+
 /// Depth Anything V2 Small, as installed.
 #[derive(Clone, Debug)]
 pub struct InstalledDepthAnything {
@@ -85,16 +114,7 @@ pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
         return Err(store.missing(known, "the guide `depth-anything` needs"));
     }
     let mut head = store.load_head(known)?;
-    let learned = head.remove(LEARNED_LAYER);
-    let published = head.remove(RESIZE_LAYER);
-    let chosen = match layer {
-        ResizeLayer::Learned => resize_layer().or(learned).or(published),
-        ResizeLayer::Published => published,
-    };
-    let chosen = chosen.ok_or_else(|| {
-        Error::format(&store.head_path(known), format!("has no `{RESIZE_LAYER}`"))
-            .hint("`lsdc weights add FILE` adds it from the published file")
-    })?;
+    let chosen = layer.take_from(&mut head, &store.head_path(known))?;
     let chosen = BTreeMap::from([(RESIZE_LAYER.to_owned(), chosen)]);
     // The other tensors have been compared with their identities.
     let fixed = known.head.map_or("", |head| head.identity);
@@ -119,4 +139,36 @@ pub fn completer(weights: &Weights) -> Result<Completer> {
         Some(encoder) => builder.encoder(encoder),
     }
     .build()?)
+}
+
+#[cfg(all(test, feature = "weights"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_published_tensor_is_used_where_it_is_asked_for_alone() {
+        let tensor = |value: f32| Tensor::new(vec![1], vec![value]).unwrap();
+        let bias = "depth_head.resize_layers.3.bias";
+        let named = [(bias, 0.5), (LEARNED_LAYER, 1.5), (RESIZE_LAYER, 2.5)];
+        let named = named.map(|(name, value)| (name.to_owned(), tensor(value)));
+        let whole = BTreeMap::from(named);
+        let path = Path::new("anything-head.safetensors");
+        for (layer, expected) in [
+            (ResizeLayer::Learned, resize_layer().unwrap()),
+            (ResizeLayer::Published, tensor(2.5)),
+        ] {
+            let mut head = whole.clone();
+            assert_eq!(layer.take_from(&mut head, path).unwrap(), expected);
+            assert_eq!(head, BTreeMap::from([(bias.to_owned(), tensor(0.5))]));
+        }
+
+        let mut lacking = whole.clone();
+        lacking.remove(RESIZE_LAYER);
+        let learned = ResizeLayer::Learned.take_from(&mut lacking.clone(), path);
+        assert_eq!(learned.unwrap(), resize_layer().unwrap());
+        let error = ResizeLayer::Published.take_from(&mut lacking, path);
+        let error = error.unwrap_err();
+        assert!(error.to_string().contains(RESIZE_LAYER), "{error}");
+        assert!(error.advice().unwrap().contains("`lsdc weights add FILE`"));
+    }
 }

@@ -1,12 +1,13 @@
 //! Arguments of `complete` and `bench`.
 
-use super::values::{Format, deviation, edge, noise, preserve, range, size, typed};
+use super::values::{Format, deviation, edge, head, noise, preserve, range, size, typed};
 use super::{FitFlags, Model, Recorded, Settings};
 use clap::Args as ClapArgs;
 use lsdc_core::DepthNoise;
 use lsdc_eval::data::{Camera, DepthKind, Shard, Unit};
 use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
+use lsdc_weights::ResizeLayer;
 use std::path::PathBuf;
 
 #[derive(Clone, Debug, ClapArgs)]
@@ -152,6 +153,19 @@ pub(in crate::cli) struct Complete {
     /// file of this name is ./depth-anything.
     #[arg(long, value_parser = typed::<GuideSpec>, value_name = "GUIDE", help_heading = "Input")]
     pub(in crate::cli) guide: Option<GuideSpec>,
+    /// Depth head of --guide depth-anything: learned or published [default: learned].
+    ///
+    /// They differ in one tensor. With the learned one, which comes with lsdc, accuracy and standard deviations were
+    /// measured. The published one is that of the installed file, if the file has it.
+    #[arg(
+        long,
+        value_parser = head(),
+        requires = "guide",
+        value_name = "HEAD",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) head: Option<ResizeLayer>,
     /// Also write the standard deviation of every pixel of the result, in metres.
     ///
     /// It is half the width of the interval that holds 68.3 % of errors. The summary has the number of standard deviations
@@ -232,10 +246,13 @@ pub(in crate::cli) struct Bench {
     /// the training images.
     #[arg(long)]
     pub(in crate::cli) full: bool,
+    /// Also time the prediction of guides, beside the completion: depth-anything[:SIDE], or several of them.
+    #[arg(long, value_parser = typed::<GuideSpec>, value_delimiter = ',', value_name = "GUIDE,...")]
+    pub(in crate::cli) guide: Vec<GuideSpec>,
     /// Time training steps instead, on procedural rooms: those of --config, or of the network of the weights by the
     /// paper's settings (two images, every pixel in the loss). Batch normalisation has fixed statistics if most steps of
     /// the run would.
-    #[arg(long, conflicts_with_all = ["full", "points"])]
+    #[arg(long, conflicts_with_all = ["full", "guide", "points"])]
     #[cfg_attr(not(feature = "train"), arg(hide = true))]
     pub(in crate::cli) training: bool,
     #[command(flatten)]

@@ -1,12 +1,13 @@
 //! Arguments of `eval` and `export`.
 
-use super::values::{interpolation, named_file, named_folder, split, typed};
+use super::values::{head, interpolation, named_file, named_folder, split, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
 use clap::Args as ClapArgs;
 use lsdc_eval::data::{Shard, Split};
 use lsdc_eval::evaluation::EvalConfig;
 use lsdc_eval::predict::{GuideSpec, Method};
 use lsdc_eval::sampling::{HoldOut, Interpolation, Noise, Pattern};
+use lsdc_weights::ResizeLayer;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -57,6 +58,9 @@ pub(in crate::cli) struct Eval {
     /// Or depth-anything[:SIDE], as for `complete`.
     #[arg(long, value_parser = typed::<GuideSpec>, value_name = "DIR[:KIND]", help_heading = "Methods", hide_short_help = true)]
     pub(in crate::cli) guide: Option<GuideSpec>,
+    /// Depth head of --guide depth-anything, as for `complete` [default: learned].
+    #[arg(long, value_parser = head(), requires = "guide", value_name = "HEAD", help_heading = "Methods", hide_short_help = true)]
+    pub(in crate::cli) head: Option<ResizeLayer>,
     /// Also evaluate the standard deviations of `lsdc`: how many errors they cover, and how well they
     /// rank the errors.
     #[arg(long, help_heading = "Methods", hide_short_help = true)]

@@ -134,8 +134,8 @@ pub(super) struct Model {
 #[derive(Debug, ClapArgs)]
 pub(super) struct Settings {
     /// Configuration file, or the name of a built-in configuration (nyu.toml, nyu-half.toml, nyu-bases.toml,
-    /// nyu-affinities.toml, nyu-joint.toml, nyu-anything.toml, nyu-distill.toml, nyu-map.toml, nyu-lite.toml, s2d.toml,
-    /// cspn.toml, lsk.toml, lsk-ours.toml, smoke.toml).
+    /// nyu-affinities.toml, nyu-joint.toml, nyu-anything.toml, nyu-distill.toml, nyu-map.toml, nyu-lite.toml, own.toml,
+    /// s2d.toml, cspn.toml, lsk.toml, lsk-ours.toml, smoke.toml).
     #[arg(long, value_name = "FILE", help_heading = "Settings")]
     pub(super) config: Option<PathBuf>,
     /// Change one setting, as in --set train.steps=100; may be repeated.

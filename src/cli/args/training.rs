@@ -64,8 +64,14 @@ pub(in crate::cli) struct Train {
 }
 
 #[derive(Debug, ClapArgs)]
+#[command(
+    after_long_help = "The configuration gives the dataset alone. See docs/own-data.md for details."
+)]
 pub(in crate::cli) struct Calibrate {
-    /// The frames that the weights were trained on; with --only-errors, frames that they were not.
+    #[command(flatten)]
+    pub(in crate::cli) settings: Settings,
+    /// The frames that the weights were trained on; with --only-errors, or fewer frames than basis functions, frames that
+    /// they were not.
     #[command(flatten)]
     pub(in crate::cli) source: Source,
     /// Keep the prior and the fit, and learn only how errors are distributed, from frames of any cameras that

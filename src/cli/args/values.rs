@@ -10,7 +10,7 @@ use lsdc_eval::predict::Method;
 use lsdc_eval::predict::Preserve;
 use lsdc_eval::sampling::{Interpolation, Size};
 use lsdc_files::error::{Error, Result};
-use lsdc_weights::Precision;
+use lsdc_weights::{Precision, ResizeLayer};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -266,6 +266,11 @@ pub(super) fn precision() -> impl TypedValueParser<Value = Precision> {
     one_of(&[Precision::Half, Precision::Single], Precision::name)
 }
 
+/// A depth head, by its name.
+pub(super) fn head() -> impl TypedValueParser<Value = ResizeLayer> {
+    one_of(&ResizeLayer::ALL, ResizeLayer::name)
+}
+
 /// What happens to the points in the result, by its name.
 pub(super) fn preserve() -> impl TypedValueParser<Value = Preserve> {
     one_of(&Preserve::ALL, Preserve::name)
@@ -288,7 +293,9 @@ pub(super) fn interpolation() -> impl TypedValueParser<Value = Interpolation> {
         match kind {
             Interpolation::PilBilinear => value.alias("bilinear"),
             Interpolation::CvNearest => value.alias("nearest"),
-            Interpolation::PilNearest | Interpolation::CvBilinear => value,
+            Interpolation::PilNearest
+            | Interpolation::CvBilinear
+            | Interpolation::NearestMeasured => value,
         }
     });
     PossibleValuesParser::new(values.clone()).try_map(move |text| {

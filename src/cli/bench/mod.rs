@@ -7,13 +7,14 @@ use super::args::{Bench, Model, Settings};
 
 use super::network::{open_completer, open_system};
 use super::{Exit, ui};
-use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
+use lsdc_eval::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split};
 use lsdc_eval::evaluation::{CompletionTimes, median_ms, time, time_deviations};
-use lsdc_eval::predict::{DepthCompleter as _, Method, complete_classic};
+use lsdc_eval::predict::{DepthCompleter as _, Method, MonocularGuide, complete_classic};
 use lsdc_eval::sampling::{Pattern, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_kernels::simd::Level;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// What a time depends on.
@@ -35,6 +36,9 @@ struct Completing {
     /// The standard deviation of every pixel, which the total does not contain.
     #[serde(skip_serializing_if = "Option::is_none")]
     deviation_ms: Option<f64>,
+    /// The prediction of each guide, which the total does not contain either.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    guide_ms: BTreeMap<String, f64>,
     points: usize,
     /// The most memory that the process has held, where the system tells.
     peak_mb: Option<f64>,
@@ -98,6 +102,11 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
             "deviation {value:8.2} ms (of every pixel, beside the total)"
         ));
     }
+    for (name, value) in &outcome.guide_ms {
+        lines.push(format!(
+            "guide     {value:8.2} ms ({name} on the CPU, beside the total)"
+        ));
+    }
     report(args.json, &outcome, lines, outcome.peak_mb)
 }
 
@@ -140,17 +149,45 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
         // Before standard deviations, which most completions do without.
         peak_mb: peak_memory(),
         deviation_ms: time_deviations(&completer, &frame, &points, args.runs)?,
+        guide_ms: time_guides(args, &frame)?,
         points: args.points,
         setting: setting(&args.model, size, args.runs),
     })
 }
 
+/// The times of predicting guides.
+fn time_guides(args: &Bench, frame: &Frame) -> Result<BTreeMap<String, f64>> {
+    let guides = args.guide.iter().map(|guide| {
+        let network = MonocularGuide::open(Some(guide))?.ok_or_else(|| {
+            Error::config(format!("the guide `{guide}` is read, not predicted"))
+                .hint("give --guide depth-anything or depth-anything:SIDE")
+        })?;
+        let time = median_of(args.runs, || network.predict(&frame.rgb).map(drop))?;
+        Ok((guide.to_string(), time))
+    });
+    guides.collect()
+}
+
+/// The median time of `work` in milliseconds, after one warm-up.
+fn median_of(runs: usize, work: impl Fn() -> Result<()>) -> Result<f64> {
+    let mut times = Vec::with_capacity(runs);
+    for run in 0..=runs {
+        let started = Instant::now();
+        work()?;
+        if run > 0 {
+            times.push(started.elapsed());
+        }
+    }
+    median_ms(times.into_iter())
+}
+
 /// Completes by a method that looks at image and points together.
 fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
     let name = args.method.name();
-    if args.training || args.full || args.fit.given().next().is_some() {
+    let guided = !args.guide.is_empty();
+    if args.training || args.full || guided || args.fit.given().next().is_some() {
         return Err(Error::config(format!(
-            "`--training`, `--full` and options of the fit need method `lsdc`, not `{name}`"
+            "`--training`, `--full`, `--guide` and options of the fit need method `lsdc`, not `{name}`"
         )));
     }
     let predictor = match args.method {
@@ -163,22 +200,13 @@ fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
     };
     let frame = rooms(Split::Val, size)?.load(0)?;
     let sparse = Pattern::Exactly(args.points).draw(&frame, 0)?;
-    let mut times = Vec::with_capacity(args.runs);
-    for run in 0..=args.runs {
-        let started = Instant::now();
-        match (&predictor, args.method) {
-            (Some(predictor), _) => drop(predictor.depth(&frame.rgb, &sparse)?),
-            (None, Method::Classic(method)) => {
-                drop(complete_classic(method, &frame.rgb, &sparse)?);
-            }
-            (None, _) => {}
-        }
-        if run > 0 {
-            times.push(started.elapsed());
-        }
-    }
+    let complete = || match (&predictor, args.method) {
+        (Some(predictor), _) => predictor.depth(&frame.rgb, &sparse).map(drop),
+        (None, Method::Classic(method)) => complete_classic(method, &frame.rgb, &sparse).map(drop),
+        (None, _) => Ok(()),
+    };
     let outcome = InOnePiece {
-        total_ms: median_ms(times.into_iter())?,
+        total_ms: median_of(args.runs, complete)?,
         points: args.points,
         peak_mb: peak_memory(),
         setting: setting(&args.model, size, args.runs),

@@ -3,13 +3,13 @@
 use super::loaded::Loaded as Frame;
 use super::settings::Settings;
 use crate::cli::args::{Format, Model};
-use crate::cli::network::{open_completer, open_system};
+use crate::cli::network::{open_completer, open_guide, open_system};
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Scene};
 use lsdc_eval::data::{self, DepthMap, Sparse, Unit};
 use lsdc_eval::predict::{
-    Classic, DepthCompleter, GuideSpec, Method, MonocularGuide, complete_classic, guided_scene,
+    Classic, DepthCompleter, Method, MonocularGuide, complete_classic, guided_scene,
 };
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{MOST_TESTED, clamped_pixels};
@@ -143,10 +143,7 @@ impl<'a> Engine<'a> {
                 Loaded::Trained(Box::new(completer.with_fit(fit)))
             }
         };
-        let monocular = match &settings.guide {
-            Some(GuideSpec::DepthAnything(short_side)) => Some(MonocularGuide::open(*short_side)?),
-            Some(GuideSpec::Files(_)) | None => None,
-        };
+        let monocular = open_guide(settings.guide.as_ref(), &settings.model.device)?;
         let in_files = settings.writes(Format::Json);
         Ok(Self {
             settings,

@@ -7,7 +7,7 @@ use super::summary::Summary;
 use crate::cli::args::Recorded;
 use lsdc_core::fit::FitConfig;
 use lsdc_eval::data::write_atomically;
-use lsdc_eval::predict::{GuideSpec, Method, MonocularGuide};
+use lsdc_eval::predict::{Method, MonocularGuide};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::provenance::{self, differences};
 use lsdc_weights::{weights_fit, weights_hash};
@@ -231,19 +231,14 @@ impl<'a> Decisive<'a> {
         let path = settings.model.weights.as_deref();
         let has_weights = !matches!(settings.method, Method::Classic(_));
         let fit = (settings.method == Method::Lsdc).then(|| weights_fit(path));
-        let guide_network = match &settings.guide {
-            Some(GuideSpec::DepthAnything(short_side)) => {
-                Some(MonocularGuide::open(*short_side)?.made_from())
-            }
-            Some(GuideSpec::Files(_)) | None => None,
-        };
+        let guide_network = MonocularGuide::open(settings.guide.as_ref())?;
         Ok(Self {
             numerics: provenance::numerics(),
             weights: has_weights.then(|| weights_hash(path)).transpose()?,
             fit: fit.transpose()?.map(|stored| settings.fit(&stored)),
             device: has_weights.then_some(&*settings.model.device),
             recording: settings.rgb.is_empty().then_some(&settings.recording),
-            guide_network,
+            guide_network: guide_network.as_ref().map(MonocularGuide::made_from),
             settings,
         })
     }

@@ -154,6 +154,7 @@ impl Settings {
             sigma,
             noise,
             guide,
+            head,
             uncertainty,
             outliers,
             no_alignment,
@@ -171,7 +172,7 @@ impl Settings {
             rgb,
             sparse,
             sigma,
-            guide,
+            guide: guide.map(|guide| guide.with_head(head)).transpose()?,
             depth_unit,
             depth_kind,
             camera,
@@ -286,7 +287,7 @@ mod as_text {
     use serde::{Serialize as _, Serializer};
     use std::fmt::{Debug, Display};
 
-    /// The kind alone: the file of a guide is an input of each frame. Or the network and the size of its image.
+    /// The kind alone: the file of a guide is an input of each frame. Or the network with size and head.
     pub(super) fn kind<S: Serializer>(guide: &Option<GuideSpec>, to: S) -> Result<S::Ok, S::Error> {
         let kind = guide.as_ref().map(|guide| match guide {
             GuideSpec::Files(source) => format!("{:?}", source.kind),

@@ -12,9 +12,10 @@ use lsdc_files::error::{Error, Result};
 use lsdc_weights::history::{self, HistoryEntry};
 use lsdc_weights::is_system;
 use lsdc_weights::to_bytes;
+use lsdc_weights::training_sets::{self, HEAD_TENSOR, TrainingSet};
 use lsdc_weights::{KNOWN, Store, how_to_install};
 use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE};
-use lsdc_weights::{embedded, open_weights, weights_name};
+use lsdc_weights::{embedded, embedded_with, open_weights, weights_hash, weights_name};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -33,13 +34,17 @@ pub(super) fn run(command: &WeightsCommand) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// A line of each: name, size, licence, where it is, what it is.
+/// A line of each: name, size, licence, where it is, what it is; below, what it was trained on.
 fn list() -> Result<()> {
     let line = |name: &str, bytes: u64, licence: &str, place: &str, about: &str| {
         let megabytes = format!("{:.1} MB", bytes as f64 / 1e6);
         ui::print(&format!(
             "{name:<9} {megabytes:<8} {licence:<18} {place:<14} {about}"
         ));
+    };
+    let trained_on = |what: &str, name: &str| {
+        let data = training_sets::summary(&training_sets::named(name));
+        ui::print(&format!("{:<9} {what}trained on {data}", ""));
     };
     let on_encoder = |name: &str| KNOWN.iter().any(|known| known.weights == name);
     for weights in embedded()
@@ -49,6 +54,7 @@ fn list() -> Result<()> {
         let bytes = weights.bytes.len() as u64;
         let (licence, about) = (weights.licence, weights.about);
         line(weights.name, bytes, licence, "built in", about);
+        trained_on("", weights.name);
     }
     let store = Store::open()?;
     let mut remarks = Vec::new();
@@ -73,6 +79,12 @@ fn list() -> Result<()> {
         };
         let about = format!("on {}; {}", known.name, known.extra_time);
         line(known.weights, known.bytes(), known.licence, place, &about);
+        let own = named(known.weights).map_or("not stated", |weights| weights.licence);
+        trained_on(&format!("weights on it: licence {own}, "), known.weights);
+        if known.head.is_some() {
+            let head = format!("tensor of lsdc in its depth head: licence {HEAD_LICENCE}, ");
+            trained_on(&head, HEAD_TENSOR);
+        }
     }
     for remark in remarks {
         ui::say(&remark);

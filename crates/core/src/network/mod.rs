@@ -156,6 +156,9 @@ impl Network for CpuNetwork {
 
     fn release(&self) {
         self.0.workspace.clear();
+        if let Some(encoder) = &self.0.encoder {
+            encoder.release();
+        }
     }
 }
 

@@ -83,15 +83,20 @@ impl Scene {
         } else {
             OnceLock::new()
         };
+        let mirror = inner.mirror.as_ref().map(|mirror| mirror.with_fit(fit));
         let (completer, depth_guide) = (inner.completer.with_fit(fit), inner.depth_guide.clone());
-        Ok(self.with_settings(completer, depth_guide, guided_affinities))
+        Ok(self.with_settings(completer, depth_guide, guided_affinities, mirror.transpose()?))
     }
 
     /// The same scene with another prediction of its depth by other means, or none (see
     /// [`Completer::guided_scene`]): the network does not run again.
     #[must_use]
     pub fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
-        self.with_settings(self.0.completer.clone(), guide.cloned(), OnceLock::new())
+        let completer = self.0.completer.clone();
+        let mirrored = guide.map(DepthGuide::mirrored);
+        let mirror = self.0.mirror.as_ref();
+        let mirror = mirror.map(|mirror| mirror.with_guide(mirrored.as_ref()));
+        self.with_settings(completer, guide.cloned(), OnceLock::new(), mirror)
     }
 
     /// The network's output of this scene, for other fits to the same image.
@@ -100,6 +105,7 @@ impl Scene {
         completer: Completer,
         depth_guide: Option<DepthGuide>,
         guided_affinities: OnceLock<Affinities>,
+        mirror: Option<Self>,
     ) -> Self {
         let Inner {
             forward,
@@ -124,6 +130,7 @@ impl Scene {
             size: *size,
             upsampling,
             combined: Mutex::default(),
+            mirror,
             network: *network,
         }))
     }

@@ -1,6 +1,6 @@
 //! Guides of frames: predictions in files, or those of Depth Anything V2 Small.
 
-use crate::data::GuideSource;
+use crate::data::{DepthMap, GuideSource};
 use image::RgbImage;
 use lsdc_core::{Channels, DepthAnything, DepthGuide, Image};
 use lsdc_files::error::{Error, Result};
@@ -10,15 +10,43 @@ use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
 /// The name of the network that predicts guides.
-const DEPTH_ANYTHING: &str = "depth-anything";
+pub const DEPTH_ANYTHING: &str = "depth-anything";
 
 /// What `--guide` names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GuideSpec {
     /// Predictions of other programs, in files.
     Files(GuideSource),
-    /// Predictions of Depth Anything V2 Small, which reads an image with a shorter side of about so many pixels.
-    DepthAnything(usize),
+    /// Predictions of Depth Anything V2 Small.
+    DepthAnything(MonocularSpec),
+}
+
+/// Depth Anything V2 Small, as `--guide` and `--head` choose it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MonocularSpec {
+    /// The network reads an image with a shorter side of about so many pixels.
+    pub short_side: usize,
+    /// The tensor of its head for which there is a replacement.
+    pub layer: ResizeLayer,
+}
+
+impl GuideSpec {
+    /// The same with a depth head, if `--head` names one.
+    ///
+    /// # Errors
+    /// A head for predictions in files.
+    pub fn with_head(self, head: Option<ResizeLayer>) -> Result<Self> {
+        match (self, head) {
+            (spec, None) => Ok(spec),
+            (Self::DepthAnything(spec), Some(layer)) => {
+                Ok(Self::DepthAnything(MonocularSpec { layer, ..spec }))
+            }
+            (Self::Files(_), Some(_)) => Err(Error::config(format!(
+                "`--head` is for the guide {DEPTH_ANYTHING}, not for predictions in files"
+            ))
+            .hint(format!("give --guide {DEPTH_ANYTHING}, or leave it out"))),
+        }
+    }
 }
 
 impl FromStr for GuideSpec {
@@ -33,13 +61,19 @@ impl FromStr for GuideSpec {
         if name != DEPTH_ANYTHING {
             return text.parse().map(Self::Files);
         }
+        let spec = |short_side: usize| {
+            Self::DepthAnything(MonocularSpec {
+                short_side,
+                layer: ResizeLayer::default(),
+            })
+        };
         let Some(side) = side else {
-            return Ok(Self::DepthAnything(DepthAnything::SHORT_SIDE));
+            return Ok(spec(DepthAnything::SHORT_SIDE));
         };
         let sides = DepthAnything::SHORT_SIDES;
         let parsed = side.parse().ok();
         let parsed = parsed.filter(|side: &usize| sides.contains(side));
-        parsed.map(Self::DepthAnything).ok_or_else(|| {
+        parsed.map(spec).ok_or_else(|| {
             let (least, most) = (sides.start(), sides.end());
             Error::config(format!("`{side}` is no short side of an image for {name}")).hint(format!(
                 "from {least} to {most} pixels, as in {name}:{}; a file of this name is ./{name}",
@@ -53,7 +87,17 @@ impl Display for GuideSpec {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Files(source) => source.fmt(f),
-            Self::DepthAnything(short_side) => write!(f, "{DEPTH_ANYTHING}:{short_side}"),
+            Self::DepthAnything(spec) => spec.fmt(f),
+        }
+    }
+}
+
+impl Display for MonocularSpec {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{DEPTH_ANYTHING}:{}", self.short_side)?;
+        match self.layer {
+            ResizeLayer::Learned => Ok(()),
+            ResizeLayer::Published => f.write_str(", published head"),
         }
     }
 }
@@ -61,20 +105,26 @@ impl Display for GuideSpec {
 /// Depth Anything V2 Small, ready to predict guides.
 #[derive(Clone, Debug)]
 pub struct MonocularGuide {
+    spec: MonocularSpec,
     installed: InstalledDepthAnything,
-    short_side: usize,
 }
 
 impl MonocularGuide {
-    /// Reads the network from the user's data folder.
+    /// Reads the network from the user's data folder, if `guide` names it.
     ///
     /// # Errors
-    /// It is not installed, or without its depth head, or its files are damaged.
-    pub fn open(short_side: usize) -> Result<Self> {
-        Ok(Self {
-            installed: depth_anything(ResizeLayer::default())?,
-            short_side,
-        })
+    /// It is not installed, or without its depth head or the tensor that is asked for, or its files are damaged.
+    pub fn open(guide: Option<&GuideSpec>) -> Result<Option<Self>> {
+        let Some(&GuideSpec::DepthAnything(spec)) = guide else {
+            return Ok(None);
+        };
+        let installed = depth_anything(spec.layer)?;
+        Ok(Some(Self { spec, installed }))
+    }
+
+    /// What was chosen.
+    pub fn spec(&self) -> MonocularSpec {
+        self.spec
     }
 
     /// The guide of an upright image.
@@ -84,13 +134,30 @@ impl MonocularGuide {
     pub fn predict(&self, rgb: &RgbImage) -> Result<DepthGuide> {
         let (width, height) = (rgb.width() as usize, rgb.height() as usize);
         let image = Image::new(width, height, Channels::Rgb, rgb.as_raw())?;
-        let guide = self.installed.network.predict(&image, self.short_side);
+        let guide = self.installed.network.predict(&image, self.spec.short_side);
         guide.map_err(|e| Error::of_core(e, DEPTH_ANYTHING))
+    }
+
+    /// The relative inverse depth of an upright image, as large as the network's output; 0 where it is infinitely far.
+    ///
+    /// # Errors
+    /// An image without pixels.
+    pub fn inverse_depth(&self, rgb: &RgbImage) -> Result<DepthMap> {
+        let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+        let image = Image::new(width, height, Channels::Rgb, rgb.as_raw())?;
+        let network = &self.installed.network;
+        let (values, (height, width)) = network.inverse_depth(&image, self.spec.short_side)?;
+        Ok(DepthMap::new(width, height, values)?)
+    }
+
+    /// Identifies the weights of the network.
+    pub fn hash(&self) -> &str {
+        &self.installed.hash
     }
 
     /// What the guides depend on, beside the images.
     pub fn made_from(&self) -> Value {
-        json!([DEPTH_ANYTHING, self.short_side, self.installed.hash])
+        json!([self.spec.to_string(), self.installed.hash])
     }
 
     /// Frees the memory that is kept for further images.
@@ -101,11 +168,7 @@ impl MonocularGuide {
 
 impl Display for MonocularGuide {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        let Self {
-            installed,
-            short_side,
-        } = self;
-        write!(f, "{DEPTH_ANYTHING}:{short_side}, {}", installed.hash)
+        write!(f, "{}, {}", self.spec, self.installed.hash)
     }
 }
 
@@ -136,7 +199,11 @@ mod tests {
         let parsed = |text: &str| text.parse::<GuideSpec>();
         for (text, side) in [("depth-anything", 336), ("depth-anything:518", 518)] {
             let spec = parsed(text).unwrap();
-            assert_eq!(spec, GuideSpec::DepthAnything(side));
+            let expected = MonocularSpec {
+                short_side: side,
+                layer: ResizeLayer::Learned,
+            };
+            assert_eq!(spec, GuideSpec::DepthAnything(expected));
             assert_eq!(parsed(&spec.to_string()).unwrap(), spec);
         }
         for text in [
@@ -151,5 +218,20 @@ mod tests {
         for text in ["./depth-anything", "depth-anything.npy:disparity"] {
             assert!(matches!(parsed(text), Ok(GuideSpec::Files(_))), "{text}");
         }
+    }
+    #[test]
+    fn a_head_is_of_the_network_alone() {
+        let network: GuideSpec = "depth-anything:252".parse().unwrap();
+        assert_eq!(network.clone().with_head(None).unwrap(), network);
+        let learned = network.clone().with_head(Some(ResizeLayer::Learned));
+        assert_eq!(learned.unwrap(), network);
+        let published = network.with_head(Some(ResizeLayer::Published)).unwrap();
+        assert_eq!(published.to_string(), "depth-anything:252, published head");
+
+        let files: GuideSpec = "guide.npy:disparity".parse().unwrap();
+        assert_eq!(files.clone().with_head(None).unwrap(), files);
+        let error = files.with_head(Some(ResizeLayer::Learned)).unwrap_err();
+        assert!(error.to_string().contains("`--head`"), "{error}");
+        assert!(error.advice().unwrap().contains("--guide depth-anything"));
     }
 }

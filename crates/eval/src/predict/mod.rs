@@ -4,7 +4,7 @@ mod guide;
 mod method;
 mod preserve;
 
-pub use guide::{GuideSpec, Guides, MonocularGuide};
+pub use guide::{DEPTH_ANYTHING, GuideSpec, Guides, MonocularGuide, MonocularSpec};
 pub use lsdc_classic::Classic;
 pub use method::{Method, SystemKind, complete_classic};
 pub use preserve::Preserve;

@@ -1,4 +1,5 @@
-use super::tests::{sines, tiny, weights_of};
+use super::tests::depth_anything::{WIDTH, encoder_weights, head_weights, network, sines};
+use super::tests::tiny;
 use super::*;
 use crate::{Channels, DepthAnything, GuideKind, Image};
 use serde::Deserialize;
@@ -9,59 +10,6 @@ struct Golden {
     /// Rows and columns of patches.
     size: [usize; 2],
     values: Vec<f32>,
-}
-
-/// Channels of the taps, of the four maps, of the fused map, and of the last layers.
-const WIDTH: usize = 16;
-const OWN: [usize; 4] = [4, 6, 8, 10];
-const FUSED: usize = 6;
-const FINE: usize = 7;
-
-/// The weights of the script.
-fn weights() -> BTreeMap<String, Tensor> {
-    let mut shapes: Vec<(String, Vec<usize>)> = Vec::new();
-    let mut add = |name: String, shape: &[usize]| {
-        shapes.push((format!("{name}.weight"), shape.to_vec()));
-        // The map of a tap is mixed without a bias.
-        let outputs = (!name.ends_with("_rn")).then(|| vec![shape[0]]);
-        shapes.extend(outputs.map(|outputs| (format!("{name}.bias"), outputs)));
-    };
-    for (i, own) in OWN.into_iter().enumerate() {
-        add(format!("projects.{i}"), &[own, WIDTH, 1, 1]);
-    }
-    for (i, side) in [(0, 4), (1, 2), (3, 3)] {
-        let own = OWN[i];
-        add(format!("resize_layers.{i}"), &[own, own, side, side]);
-    }
-    for (i, own) in OWN.into_iter().enumerate() {
-        add(format!("scratch.layer{}_rn", i + 1), &[FUSED, own, 3, 3]);
-    }
-    for i in 1..=4 {
-        let name = format!("scratch.refinenet{i}");
-        for (unit, conv) in [(1, 1), (1, 2), (2, 1), (2, 2)] {
-            let name = format!("{name}.resConfUnit{unit}.conv{conv}");
-            add(name, &[FUSED, FUSED, 3, 3]);
-        }
-        add(format!("{name}.out_conv"), &[FUSED, FUSED, 1, 1]);
-    }
-    let half = FUSED / 2;
-    add("scratch.output_conv1".into(), &[half, FUSED, 3, 3]);
-    add("scratch.output_conv2.0".into(), &[FINE, half, 3, 3]);
-    add("scratch.output_conv2.2".into(), &[1, FINE, 1, 1]);
-    let count = shapes.len();
-    let drawn = shapes.into_iter().enumerate().map(|(i, (name, shape))| {
-        let (scale, offset) = match shape[..] {
-            [_] if i + 1 == count => (0.2, 2.0),
-            [_] => (0.2, 0.1),
-            _ => {
-                let inputs: usize = shape[1..].iter().product();
-                (2.0 / (inputs as f64).sqrt(), 0.0)
-            }
-        };
-        let name = format!("{DEPTH_HEAD}{name}");
-        (name, sines(200 + i, &shape, scale, offset))
-    });
-    drawn.collect()
 }
 
 fn features(rows: usize, columns: usize) -> Features {
@@ -80,7 +28,7 @@ fn features(rows: usize, columns: usize) -> Features {
 fn depths_are_those_of_transformers() {
     let golden: Vec<Golden> = serde_json::from_str(include_str!("depth_head.json")).unwrap();
     for level in Level::available() {
-        let head = DepthHead::new(&weights(), level).unwrap();
+        let head = DepthHead::new(&head_weights(), level).unwrap();
         for Golden { size, values } in &golden {
             let [rows, columns] = *size;
             let found = head.predict(&features(rows, columns)).unwrap();
@@ -95,7 +43,7 @@ fn depths_are_those_of_transformers() {
 
 #[test]
 fn the_number_of_threads_changes_no_depth() {
-    let head = DepthHead::new(&weights(), Level::here()).unwrap();
+    let head = DepthHead::new(&head_weights(), Level::here()).unwrap();
     let found = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         let predict = || head.predict(&features(11, 13)).unwrap();
@@ -110,7 +58,7 @@ fn the_number_of_threads_changes_no_depth() {
 
 #[test]
 fn the_unused_unit_may_be_missing_and_nothing_else() {
-    let whole = weights();
+    let whole = head_weights();
     let is_unused = |name: &str| name.contains("refinenet4.resConfUnit1");
     let mut needed = whole.clone();
     needed.retain(|name, _| !is_unused(name));
@@ -147,7 +95,7 @@ fn the_unused_unit_may_be_missing_and_nothing_else() {
 
 #[test]
 fn features_of_another_encoder_are_refused() {
-    let head = DepthHead::new(&weights(), Level::here()).unwrap();
+    let head = DepthHead::new(&head_weights(), Level::here()).unwrap();
     assert_eq!(head.width(), WIDTH);
     let refused = |change: &dyn Fn(&mut Features)| {
         let mut features = features(2, 3);
@@ -164,23 +112,9 @@ fn features_of_another_encoder_are_refused() {
     }));
 }
 
-/// An encoder of four blocks, all of them taps, and the head.
-fn network() -> crate::Result<DepthAnything> {
-    let config = EncoderConfig {
-        blocks: 4,
-        taps: vec![0, 1, 2, 3],
-        ..tiny()
-    };
-    let encoder = Encoder::new(config, &weights_of(4), Level::here())?;
-    DepthAnything::with_parts(
-        Arc::new(encoder),
-        DepthHead::new(&weights(), Level::here())?,
-    )
-}
-
 #[test]
 fn images_of_any_size_become_guides() {
-    let network = network().unwrap();
+    let network = network();
     let (width, height) = (64, 48);
     let bytes: Vec<u8> = (0..3 * width * height)
         .map(|i| (i * i / 50 % 251) as u8)
@@ -203,7 +137,7 @@ fn images_of_any_size_become_guides() {
 
 #[test]
 fn an_encoder_of_two_taps_is_refused() {
-    let head = || DepthHead::new(&weights(), Level::here()).unwrap();
-    let encoder = Encoder::new(tiny(), &weights_of(3), Level::here()).unwrap();
+    let head = || DepthHead::new(&head_weights(), Level::here()).unwrap();
+    let encoder = Encoder::new(tiny(), &encoder_weights(3), Level::here()).unwrap();
     assert!(DepthAnything::with_parts(Arc::new(encoder), head()).is_err());
 }

@@ -128,6 +128,11 @@ impl Encoder {
         }))
     }
 
+    /// Frees the memory that is kept for further images.
+    pub fn release(&self) {
+        self.scratch.clear();
+    }
+
     /// The tokens of a normalised image that enter a block, `[1 + rows x columns, width]`, the class token first.
     ///
     /// # Errors

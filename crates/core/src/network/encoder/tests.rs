@@ -1,5 +1,10 @@
+#[path = "../../../../../tests/depth_anything/mod.rs"]
+pub(super) mod depth_anything;
+
 use super::*;
+use crate::DepthAnything;
 use crate::network::AdapterConfig;
+use depth_anything::{encoder_weights, sines, sizes};
 use serde::Deserialize;
 
 /// What other programs answer (`scripts/golden_encoder.py`).
@@ -21,66 +26,12 @@ fn golden() -> Golden {
 }
 
 pub(super) fn tiny() -> EncoderConfig {
-    EncoderConfig {
-        width: 16,
-        heads: 2,
-        blocks: 3,
-        hidden: 32,
-        side: 4,
-        taps: vec![0, 2],
-    }
-}
-
-pub(super) fn sines(index: usize, shape: &[usize], scale: f64, offset: f64) -> Tensor {
-    let count = shape.iter().product();
-    let value = |i: usize| (offset + scale * (0.37 * i as f64 + index as f64).sin()) as f32;
-    Tensor::new(shape.to_vec(), (0..count).map(value).collect()).unwrap()
+    sizes(3, &[0, 2])
 }
 
 /// The weights of the script.
 fn weights() -> BTreeMap<String, Tensor> {
-    weights_of(3)
-}
-
-/// The same of another number of blocks.
-pub(super) fn weights_of(blocks: usize) -> BTreeMap<String, Tensor> {
-    let (width, hidden, side) = (16, 32, 4);
-    let mut all = BTreeMap::new();
-    let mut add = |name: String, shape: &[usize], scale: f64, offset: f64| {
-        let tensor = sines(all.len(), shape, scale, offset);
-        all.insert(name, tensor);
-    };
-    add("cls_token".into(), &[1, 1, width], 0.5, 0.0);
-    add("pos_embed".into(), &[1, 1 + side * side, width], 0.5, 0.0);
-    add(
-        "patch_embed.proj.weight".into(),
-        &[width, 3, PATCH, PATCH],
-        0.05,
-        0.0,
-    );
-    add("patch_embed.proj.bias".into(), &[width], 0.1, 0.0);
-    for block in 0..blocks {
-        let mut part = |name: &str, shape: &[usize], scale: f64, offset: f64| {
-            add(format!("blocks.{block}.{name}"), shape, scale, offset);
-        };
-        part("norm1.weight", &[width], 0.3, 1.0);
-        part("norm1.bias", &[width], 0.1, 0.0);
-        part("attn.qkv.weight", &[3 * width, width], 0.4, 0.0);
-        part("attn.qkv.bias", &[3 * width], 0.1, 0.0);
-        part("attn.proj.weight", &[width, width], 0.3, 0.0);
-        part("attn.proj.bias", &[width], 0.1, 0.0);
-        part("ls1.gamma", &[width], 0.3, 0.7);
-        part("norm2.weight", &[width], 0.3, 1.0);
-        part("norm2.bias", &[width], 0.1, 0.0);
-        part("mlp.fc1.weight", &[hidden, width], 0.3, 0.0);
-        part("mlp.fc1.bias", &[hidden], 0.1, 0.0);
-        part("mlp.fc2.weight", &[width, hidden], 0.3, 0.0);
-        part("mlp.fc2.bias", &[width], 0.1, 0.0);
-        part("ls2.gamma", &[width], 0.3, 0.7);
-    }
-    add("norm.weight".into(), &[width], 0.3, 1.0);
-    add("norm.bias".into(), &[width], 0.1, 0.0);
-    all
+    encoder_weights(3)
 }
 
 fn image(height: usize, width: usize) -> Vec<f32> {
