@@ -2,10 +2,10 @@
 
 use super::args::{Eval, Model};
 use super::names::Names;
-use super::network::{open_completer, open_guide, open_system, system_candidates};
+use super::network::{at_quality, open_completer, open_guide, open_system, system_candidates};
 use super::{Exit, settings, ui};
-use lsdc_core::Completer;
 use lsdc_core::fit::FitMethod;
+use lsdc_core::{Completer, Quality};
 use lsdc_eval::data::{DataConfig, check_output, write_atomically, write_npy};
 use lsdc_eval::evaluation::{Candidate, Evaluation, Journal};
 use lsdc_eval::fit_settings::FitSettings;
@@ -41,6 +41,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         .any(|(_, c)| matches!(c, Candidate::Method(Method::Lsdc)))
         .then(|| network(args, &config.fit))
         .transpose()?;
+    if network.is_none() && args.fit.quality != Quality::Standard {
+        let what = "`--quality` would change nothing: it is for the method `lsdc`";
+        return Err(Error::config(what).hint("add `--method lsdc`, or leave it out"));
+    }
     check_guides(args, network.as_ref().map(|(completer, _)| completer))?;
     let guide = args.guide.clone();
     let guide = guide.map(|guide| guide.with_head(args.head)).transpose()?;
@@ -151,8 +155,13 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let completer = open_completer(weights, &args.model.device)?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
-    let completer = completer.with_fit(fit);
-    let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());
+    let completer = at_quality(&completer.with_fit(fit), args.fit.quality, weights)?;
+    let quality = match completer.quality() {
+        Quality::Standard => "",
+        Quality::Best => "; quality best",
+    };
+    let (name, fit) = (weights_name(weights)?, completer.fit_config());
+    let name = format!("{name}; {fit}{quality}");
     Ok((completer, name))
 }
 

@@ -203,6 +203,14 @@ fn options_that_would_change_nothing_are_refused() {
             &["--method=linear", "--full"],
             ["`--full`", "need method `lsdc`"],
         ),
+        (
+            &["--method=linear", "--quality=best"],
+            ["`--quality`", "need method `lsdc`"],
+        ),
+        (
+            &["--weights=none", "--quality=best"],
+            ["`--quality best`", "without a network"],
+        ),
     ] {
         let args = [&["complete", "rgb.png", "sparse.npy"], options].concat();
         refused(folder.path(), &args, &words);

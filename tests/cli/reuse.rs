@@ -35,6 +35,8 @@ fn an_evaluation_with_another_fit_does_not_print_the_old_numbers() {
 
     let other = [&SMALL[..], &["-o", "run"], &fit].concat();
     refused(at, &other, &["another evaluation", "fit.joint", "--force"]);
+    let best = [&SMALL[..], &["-o", "run", "--quality", "best"]].concat();
+    refused(at, &best, &["another evaluation", "quality", "best"]);
     let fresh = eval(&[&["-o", "fresh"], &fit[..]].concat()).success();
     let anew = eval(&[&["-o", "run", "--force"], &fit[..]].concat()).success();
     assert_eq!(text(&fresh), text(&anew));
@@ -146,6 +148,7 @@ fn results_of_other_settings_are_not_gone_on_with() {
         (&["--depth-kind", "z"], "depth_kind"),
         (&["--range", "0,20"], "range"),
         (&["--preserve-input", "exact"], "preserve_input"),
+        (&["--quality", "best"], "quality"),
         (&["--method", "linear"], "method"),
     ] {
         let all: Vec<&str> = match more {

@@ -71,6 +71,67 @@ fn all_weights_of_the_program_are_better_than_none() {
     }
 }
 
+#[test]
+fn licences_of_training_data_are_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let list = text(&lsdc(at).args(["weights", "list"]).assert().success());
+    let below = |name: &str| {
+        let lines = list.lines().skip_while(|line| !line.starts_with(name));
+        lines.skip(1).collect::<Vec<_>>()
+    };
+    assert!(
+        below("default ")[0].starts_with(
+            "          trained on non-commercial data: RGB-D-D, Replica, GQ-CNN examples, SUN database, \
+             KITTI (calibration only); data without a clear licence: NYU Depth v2, "
+        ),
+        "{list}"
+    );
+    let [anything, head] = below("anything ")[..] else {
+        panic!("{list}");
+    };
+    assert!(
+        anything.starts_with(
+            "          the weights, MIT OR Apache-2.0, trained on non-commercial data: RGB-D-D, Replica, \
+             GQ-CNN examples; data without a clear licence: NYU Depth v2, "
+        ),
+        "{list}"
+    );
+    assert!(
+        head.starts_with("          the learned tensor of the depth head, MIT OR Apache-2.0, ")
+    );
+
+    let convert = ["weights", "convert", "default", "own.safetensors"];
+    lsdc(at).args(convert).assert().success();
+    let info = |args: &[&str]| {
+        let info = lsdc(at).args(["weights", "info"]).args(args).assert();
+        text(&info.success())
+    };
+    let json = |name: &str| -> serde_json::Value {
+        serde_json::from_str(&info(&[name, "--json"])).unwrap()
+    };
+    let (default, own) = (json("default"), json("own.safetensors"));
+    assert_eq!(default["licence"], "Apache-2.0");
+    let sets = default["trained_on"].as_array().unwrap();
+    assert_eq!(sets.len(), 18);
+    assert_eq!(sets[0]["name"], "RGB-D-D");
+    assert_eq!(sets[0]["commercial_use"], "no");
+    assert_eq!(sets[4]["licence"], "CC BY-NC-SA 3.0");
+    assert_eq!(sets[4]["calibration_only"], true);
+    // Weights that were made from them were trained on the same.
+    assert_eq!(own["licence"], serde_json::Value::Null);
+    assert_eq!(own["trained_on"], default["trained_on"]);
+
+    let (default, own) = (info(&[]), info(&["own.safetensors"]));
+    assert!(default.contains("\nlicence    Apache-2.0\n"), "{default}");
+    assert!(own.contains("\nlicence    not stated\n"), "{own}");
+    for info in [default, own] {
+        let words =
+            "\ndata       TUM RGB-D (Sturm et al. 2012), licence: CC BY 4.0, commercial use: yes\n";
+        assert!(info.contains(words), "{info}");
+    }
+}
+
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/golden")

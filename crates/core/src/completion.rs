@@ -2,6 +2,7 @@
 //! `standard_deviation`.
 
 use crate::detail::{Detail, PixelResiduals};
+use crate::ensemble::{average, mirrored, mirrored_place};
 use crate::error::{FitError, Result};
 use crate::fit::{Fit, FitMethod, InlierPosterior, RANGE, SmoothField, root_mean_square};
 use crate::image::{check_rows, check_size};
@@ -19,6 +20,9 @@ use std::time::Duration;
 ///
 /// Everything beyond the fit is computed on request. Depths are measured along the optical axis, in the unit
 /// of the observations.
+///
+/// At [`Quality::Best`](crate::Quality::Best) there are two fits, to the image and to its mirror image. Depths, residuals,
+/// leave-one-out errors, standard deviations and weights of observations are means of both.
 #[derive(Clone)]
 pub struct Completion(Arc<Inner>);
 
@@ -33,9 +37,14 @@ struct Inner {
     leverages: OnceLock<Vec<f64>>,
     /// The fitted values at the pixels of the field, before they are converted to depths.
     values: OnceLock<Vec<f32>>,
+    /// The completion of the mirror image, at [`Quality::Best`](crate::Quality::Best).
+    mirror: Option<Completion>,
+    /// The weights of the basis functions, those of the mirror image last.
+    weights: Vec<f64>,
 }
 
-/// Statistics of a fit.
+/// Statistics of a fit. At [`Quality::Best`](crate::Quality::Best), `residual` is that of the mean of two fits, run times are
+/// sums, and the others are those of the fit to the image as it is.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Report {
@@ -139,6 +148,7 @@ impl Completion {
         usable: UsableObservations,
         method: FitMethod,
         [network, fitting, field, solve]: [Duration; 4],
+        mirror: Option<Self>,
     ) -> Self {
         let detail = scene.upsampling().and_then(|upsampling| {
             let (places, depths) = (&usable.places, usable.fitted());
@@ -152,7 +162,16 @@ impl Completion {
                 Some(Detail::new(upsampling, pixel_residuals, places, depths))
             })
         });
-        let residuals = residuals(&fit, &usable, detail.as_ref());
+        let mut residuals = residuals(&fit, &usable, detail.as_ref());
+        let mut weights = fit.weights.clone();
+        let mut both = [field, solve];
+        if let Some(mirror) = &mirror {
+            average(residuals.to_mut(), &mirror.own_residuals(), f64::midpoint);
+            weights.extend_from_slice(mirror.weights());
+            both[0] += mirror.report().field;
+            both[1] += mirror.report().solve;
+        }
+        let [field, solve] = both;
         let report = Report {
             given: usable.given,
             used: usable.indices.len(),
@@ -184,6 +203,8 @@ impl Completion {
             report,
             leverages: OnceLock::new(),
             values: OnceLock::new(),
+            mirror,
+            weights,
         }))
     }
 
@@ -209,7 +230,8 @@ impl Completion {
     /// An implausible size.
     pub fn depth_at(&self, width: usize, height: usize) -> Result<DepthMap> {
         check_size(width, height)?;
-        DepthMap::new(width, height, self.dense((height, width)))
+        let values = self.averaged_map(width, |own| Ok(own.dense((height, width))))?;
+        DepthMap::new(width, height, values)
     }
 
     /// Writes the dense depth into a buffer of the caller, whose rows start `stride` values apart.
@@ -226,7 +248,7 @@ impl Completion {
     ) -> Result<()> {
         check_size(width, height)?;
         check_rows(width, height, 1, stride, buffer.len())?;
-        let values = self.dense((height, width));
+        let values = self.averaged_map(width, |own| Ok(own.dense((height, width))))?;
         let rows = buffer.chunks_mut(stride).zip(values.chunks_exact(width));
         rows.for_each(|(row, values)| row[..width].copy_from_slice(values));
         Ok(())
@@ -237,10 +259,7 @@ impl Completion {
     /// # Errors
     /// A position outside the image.
     pub fn at(&self, places: &[[f64; 2]]) -> Result<Vec<f32>> {
-        let Inner {
-            scene, fit, detail, ..
-        } = &*self.0;
-        let (height, width) = scene.size();
+        let (height, width) = self.scene().size();
         let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
         let outside = places
             .iter()
@@ -254,7 +273,21 @@ impl Completion {
             }
             .into());
         }
-        let rows = scene.completer().run(|| scene.at((height, width), places));
+        let mut depths = self.own_depths(places);
+        if let Some(mirror) = &self.0.mirror {
+            let places = places.iter().map(|&place| mirrored_place(place, width));
+            let others = mirror.own_depths(&places.collect::<Vec<_>>());
+            average(&mut depths, &others, f32::midpoint);
+        }
+        Ok(depths)
+    }
+
+    /// The depths of this fit alone at positions within the image.
+    fn own_depths(&self, places: &[[f64; 2]]) -> Vec<f32> {
+        let Inner {
+            scene, fit, detail, ..
+        } = &*self.0;
+        let rows = scene.completer().run(|| scene.at(scene.size(), places));
         let columns = rows.len() / places.len().max(1);
         let (low, high) = self.limits();
         let smooth_at =
@@ -268,11 +301,39 @@ impl Completion {
                 .map_or(depth, |detail| detail.at(place, depth));
             (depth as f32).clamp(low, high)
         };
-        Ok(rows
-            .chunks_exact(columns.max(1))
+        rows.chunks_exact(columns.max(1))
             .zip(places)
             .map(value)
-            .collect())
+            .collect()
+    }
+
+    /// A map with `width` columns: that of this fit, or the mean with that of the fit to the mirror image.
+    pub(crate) fn averaged_map(
+        &self,
+        width: usize,
+        own_map: impl Fn(&Self) -> Result<Vec<f32>>,
+    ) -> Result<Vec<f32>> {
+        let mut map = own_map(self)?;
+        if let Some(mirror) = &self.0.mirror {
+            let others = mirrored(&own_map(mirror)?, width, 1);
+            average(&mut map, &others, f32::midpoint);
+        }
+        Ok(map)
+    }
+
+    /// A number for every given observation: that of this fit, or the mean with that of the fit to the mirror image; NaN for
+    /// those that were not used.
+    fn averaged(&self, own: impl Fn(&Self) -> Vec<f64>) -> Vec<f64> {
+        self.0.usable.scatter(&self.averaged_usable(own))
+    }
+
+    /// The same for every usable observation.
+    fn averaged_usable(&self, own: impl Fn(&Self) -> Vec<f64>) -> Vec<f64> {
+        let mut values = own(self);
+        if let Some(mirror) = &self.0.mirror {
+            average(&mut values, &own(mirror), f64::midpoint);
+        }
+        values
     }
 
     /// The range that depths are clamped to: that of the observations, widened by the factor [`RANGE`] at
@@ -282,6 +343,7 @@ impl Completion {
         (low / RANGE, high * RANGE)
     }
 
+    /// The dense depth of this fit alone.
     pub(crate) fn dense(&self, size: (usize, usize)) -> Vec<f32> {
         let Inner {
             scene, fit, detail, ..
@@ -332,13 +394,18 @@ impl Completion {
     /// For every given observation, its depth minus the fitted depth, before clamping (after it if a logarithm
     /// or an inverse was fitted, which may stand for an infinite depth); NaN for those that were not used.
     pub fn residuals(&self) -> Vec<f64> {
+        self.averaged(|own| own.own_residuals().into_owned())
+    }
+
+    /// The residuals of the usable observations in this fit alone.
+    fn own_residuals(&self) -> Cow<'_, [f64]> {
         let Inner {
             fit,
             usable,
             detail,
             ..
         } = &*self.0;
-        usable.scatter(&residuals(fit, usable, detail.as_ref()))
+        residuals(fit, usable, detail.as_ref())
     }
 
     /// For every given observation, its depth minus the depth predicted by a fit to all other observations
@@ -347,11 +414,11 @@ impl Completion {
     /// the error of the depth between the points without ground truth, if the points are distributed like the
     /// pixels.
     pub fn leave_one_out(&self) -> Vec<f64> {
-        self.0.usable.scatter(&self.left_out())
+        self.averaged(Self::left_out)
     }
 
-    /// The leave-one-out errors of the usable observations: those of the fit, and where observations are dense those of
-    /// the map that follows each of them.
+    /// The leave-one-out errors of the usable observations in this fit alone, and where they are dense in the map that
+    /// follows each of them.
     fn left_out(&self) -> Vec<f64> {
         self.left_out_of_every(1)
     }
@@ -405,7 +472,7 @@ impl Completion {
     /// Root mean square of the leave-one-out errors; `None` if no observation has one, because the fit
     /// passes through all of them whatever their depths are.
     pub fn leave_one_out_error(&self) -> Option<f64> {
-        let mut errors = self.left_out();
+        let mut errors = self.averaged_usable(Self::left_out);
         errors.retain(|error| !error.is_nan());
         (!errors.is_empty()).then(|| root_mean_square(&errors))
     }
@@ -413,28 +480,38 @@ impl Completion {
     /// The final weight of every given observation, which is 1 in a plain fit without standard deviations, and
     /// less the larger its own standard deviation is; NaN for those that were not used.
     pub fn point_weights(&self) -> Vec<f64> {
-        self.0.usable.scatter(&self.0.fit.point_weights)
+        self.averaged(|own| own.0.fit.point_weights.clone())
     }
 
     /// The observations that are more likely outliers than inliers, worst first. Each is compared
     /// with its prediction by the others, whose standard deviation depends on their distances and on the edges of
-    /// the image between them.
+    /// the image between them. At [`Quality::Best`](crate::Quality::Best), the probability is the mean of those in the image
+    /// and in its mirror image.
     ///
     /// # Errors
     /// Equations that cannot be solved, or a damaged network.
     pub fn outliers(&self) -> Result<Vec<Outlier>> {
-        let Inner {
-            scene, fit, usable, ..
-        } = &*self.0;
-        let posteriors = scene.inlier_posteriors(usable)?.into_iter().enumerate();
+        let Inner { usable, mirror, .. } = &*self.0;
+        let mut posteriors = self.scene().inlier_posteriors(usable)?;
+        if let Some(mirror) = mirror {
+            let others = mirror.scene().inlier_posteriors(mirror.usable())?;
+            for (own, other) in posteriors.iter_mut().zip(others) {
+                own.p_inlier = own.p_inlier.midpoint(other.p_inlier);
+                own.error = own.error.midpoint(other.error);
+                own.scale = own.scale.midpoint(other.scale);
+            }
+        }
+        let weights = self.averaged_usable(|own| own.0.fit.point_weights.clone());
         let outlier = |(i, found): (usize, InlierPosterior)| Outlier {
             index: usable.indices[i],
             probability: 1.0 - found.p_inlier,
             score: found.error / found.scale,
             error: found.error,
-            weight: fit.point_weights[i],
+            weight: weights[i],
         };
         let mut found: Vec<_> = posteriors
+            .into_iter()
+            .enumerate()
             .filter(|(_, found)| found.p_inlier < 0.5)
             .map(outlier)
             .collect();
@@ -443,9 +520,10 @@ impl Completion {
     }
 
     /// The weights of the basis functions, with that of the constant or of the image's map first, followed by those of
-    /// the cosine basis, as taken by [`Scene::complete_near`].
+    /// the cosine basis, as taken by [`Scene::complete_near`]. At [`Quality::Best`](crate::Quality::Best), those of the fit to
+    /// the mirror image follow.
     pub fn weights(&self) -> &[f64] {
-        &self.0.fit.weights
+        &self.0.weights
     }
 
     pub(crate) fn fit(&self) -> &Fit {

@@ -62,7 +62,13 @@ mod tests {
     fn every_place_of_an_image_has_one_in_its_mirror_image() {
         assert_eq!(mirrored_place([0.0, 7.5], 640), [639.0, 7.5]);
         assert_eq!(mirrored_place([12.25, -0.5], 640), [626.75, -0.5]);
-        for u in [-0.5, (-0.5_f64).next_up(), 0.1, 639.499, 639.5_f64.next_down()] {
+        for u in [
+            -0.5,
+            (-0.5_f64).next_up(),
+            0.1,
+            639.499,
+            639.5_f64.next_down(),
+        ] {
             let [there, _] = mirrored_place([u, 0.0], 640);
             assert!((-0.5..639.5).contains(&there), "{u}: {there}");
             assert!((there - (639.0 - u)).abs() < 1e-12, "{u}: {there}");

@@ -26,6 +26,11 @@ impl Completion {
     /// another share. Where observations are dense and the map follows each of them, it is scaled to their
     /// leave-one-out errors.
     ///
+    /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are those of both fits: the variance of the
+    /// mean of two depths, (a^2 + b^2 + 2 r a b) / 4, is at most the square of this for any correlation r of their errors.
+    /// Half the difference d of the depths is not added. The mean of d^2 is (a^2 + b^2) / 2 less that variance: it is a part
+    /// of a and b that the mean of the depths does not have.
+    ///
     /// # Errors
     /// Too few observations for an estimate.
     pub fn standard_deviation(&self) -> Result<DepthMap> {
@@ -39,10 +44,16 @@ impl Completion {
     /// An implausible size, or too few observations for an estimate.
     pub fn standard_deviation_at(&self, width: usize, height: usize) -> Result<DepthMap> {
         check_size(width, height)?;
-        let completer = self.scene().completer();
-        let mut values = completer.run(|| self.deviations((height, width)))?;
-        completer.run(|| self.reduce_deviations((height, width), &mut values));
+        let values = self.averaged_map(width, |own| own.own_deviations((height, width)))?;
         DepthMap::new(width, height, values)
+    }
+
+    /// The standard deviations of this fit alone.
+    fn own_deviations(&self, size: (usize, usize)) -> Result<Vec<f32>> {
+        let completer = self.scene().completer();
+        let mut values = completer.run(|| self.deviations(size))?;
+        completer.run(|| self.reduce_deviations(size, &mut values));
+        Ok(values)
     }
 
     /// The number of standard deviations around the depth that hold a share `level` of errors, from 0 to 1

@@ -1,13 +1,14 @@
 //! Weights by name or from a file.
 
 use crate::error::{Error, Result};
-use crate::{completer, embedded};
+use crate::{Embedded, completer, embedded};
 use lsdc_core::fit::FitConfig;
 use lsdc_core::{Completer, Weights};
 use lsdc_rng::hash;
 use safetensors::SafeTensors;
 use std::borrow::Cow;
 use std::path::Path;
+use std::sync::LazyLock;
 
 /// The bytes of weights and their name: those of the program (borrowed), or a file, which takes precedence.
 fn read(path: Option<&Path>) -> Result<(Cow<'static, [u8]>, String)> {
@@ -72,6 +73,16 @@ pub fn weights_hash(path: Option<&Path>) -> Result<String> {
         return Ok(NONE.to_owned());
     }
     Ok(hash_text(&read(path)?.0))
+}
+
+/// Returns the weights of the program that have these contents, a [`weights_hash`].
+pub fn embedded_with(contents: &str) -> Option<&'static Embedded> {
+    static HASHES: LazyLock<Vec<String>> = LazyLock::new(|| {
+        let all = embedded().iter();
+        all.map(|weights| hash_text(weights.bytes)).collect()
+    });
+    let index = HASHES.iter().position(|hash| hash == contents)?;
+    embedded().get(index)
 }
 
 fn hash_text(bytes: &[u8]) -> String {

@@ -32,11 +32,12 @@ pub mod provenance;
 mod pytorch;
 mod store;
 mod stored;
+pub mod training_sets;
 mod write;
 
 pub use by_name::{
-    SYSTEM_NOTE, is_system, names_no_network, open_completer, open_weights, weights_fit,
-    weights_hash, weights_name,
+    SYSTEM_NOTE, embedded_with, is_system, names_no_network, open_completer, open_weights,
+    weights_fit, weights_hash, weights_name,
 };
 #[cfg(feature = "download")]
 pub use download::{DownloadEvent, DownloadLimits, get};

@@ -23,7 +23,7 @@ pub(in crate::cli) struct Eval {
     #[command(flatten)]
     pub(in crate::cli) draws: Draws,
     /// Sparse points: N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N,
-    /// half:N, given, files:DIR [default: as in the protocol].
+    /// half:N, clusters:N, scanner:BEAMS (4 to 128), given, files:DIR [default: as in the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
     pub(in crate::cli) points: Option<Pattern>,
     /// Hold out part of each frame, which is scored and never given: ring:K (all rings of a laser scanner but every K-th),

@@ -1,7 +1,8 @@
 //! Arguments that override the fit settings stored with the weights.
 
-use super::values::{Robustness, fit_method, prior_kind, space};
+use super::values::{Robustness, fit_method, prior_kind, quality, space};
 use clap::Args as ClapArgs;
+use lsdc_core::Quality;
 use lsdc_core::fit::{Changes, FitConfig, FitMethod, PriorKind, Space};
 
 /// Settings of the fit, which override those stored with the weights.
@@ -31,10 +32,14 @@ pub(in crate::cli) struct FitFlags {
     /// stored with the weights].
     #[arg(long, value_parser = space(), help_heading = "Fit", hide_short_help = true)]
     space: Option<Space>,
+    /// Work that goes into a completion: standard, or best (the mean of the completions of the image and of its mirror
+    /// image, in twice the time).
+    #[arg(long, value_parser = quality(), default_value = "standard", help_heading = "Fit", hide_short_help = true)]
+    pub(in crate::cli) quality: Quality,
 }
 
 impl FitFlags {
-    /// The flags that were given, but for `--robust none`.
+    /// The flags that were given, but for `--robust none` and `--quality standard`.
     pub(in crate::cli) fn given(&self) -> impl Iterator<Item = &'static str> {
         let robust = self
             .robust
@@ -44,6 +49,7 @@ impl FitFlags {
             ("`--robust`", robust),
             ("`--prior`", self.prior.is_some()),
             ("`--space`", self.space.is_some()),
+            ("`--quality`", self.quality != Quality::Standard),
         ];
         let given = flags.into_iter().filter(|(_, given)| *given);
         given.map(|(name, _)| name)

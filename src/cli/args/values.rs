@@ -2,8 +2,8 @@
 
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use lsdc_core::DepthNoise;
 use lsdc_core::fit::{FitMethod, Loss, PriorKind, Robust, Space};
+use lsdc_core::{DepthNoise, Quality};
 use lsdc_eval::data::{DatasetKind, Split};
 #[cfg(feature = "train")]
 use lsdc_eval::predict::Method;
@@ -308,6 +308,11 @@ pub(super) fn interpolation() -> impl TypedValueParser<Value = Interpolation> {
 /// A prior, by its name.
 pub(super) fn prior_kind() -> impl TypedValueParser<Value = PriorKind> {
     one_of(&PriorKind::ALL, PriorKind::name)
+}
+
+/// A quality, by its name.
+pub(super) fn quality() -> impl TypedValueParser<Value = Quality> {
+    one_of(&Quality::ALL, Quality::name)
 }
 
 /// A space of depths, by its name.

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, Subcommand)]
 pub(in crate::cli) enum WeightsCommand {
-    /// List the weights of the program: built in, and to be installed.
+    /// List the weights of the program, and the licences of what they were trained on.
     List {
         /// Print only the folder of installed weights; the environment variable `LSDC_WEIGHTS` names another.
         #[arg(long)]
@@ -20,7 +20,7 @@ pub(in crate::cli) enum WeightsCommand {
     Get(Get),
     /// Install what weights of the program are built on from its published file.
     Add(Add),
-    /// Describe weights: network, input, fit, training settings, accuracy, and what they were made from.
+    /// Describe weights: network, input, fit, training settings, accuracy, licences, and what they were made from.
     Info {
         /// Weights file, or a name shown by `list` [default: the weights named `default`].
         file: Option<PathBuf>,

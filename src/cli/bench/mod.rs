@@ -5,7 +5,7 @@ mod training;
 
 use super::args::{Bench, Model, Settings};
 
-use super::network::{open_completer, open_system};
+use super::network::{at_quality, open_completer, open_system};
 use super::{Exit, ui};
 use lsdc_eval::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split};
 use lsdc_eval::evaluation::{CompletionTimes, median_ms, time, time_deviations};
@@ -135,10 +135,12 @@ fn setting(model: &Model, size: Size, runs: usize) -> Setting {
 }
 
 fn complete(args: &Bench, size: Size) -> Result<Completing> {
-    let completer = open_completer(args.model.weights.as_deref(), &args.model.device)?;
+    let weights = args.model.weights.as_deref();
+    let completer = open_completer(weights, &args.model.device)?;
     let mut settings = *completer.fit_config();
     args.fit.apply(&mut settings);
-    let mut completer = completer.with_fit(settings);
+    let completer = completer.with_fit(settings);
+    let mut completer = at_quality(&completer, args.fit.quality, weights)?;
     if args.full {
         completer = completer.with_working_size(size.height, size.width)?;
     }

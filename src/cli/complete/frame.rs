@@ -3,7 +3,7 @@
 use super::loaded::Loaded as Frame;
 use super::settings::Settings;
 use crate::cli::args::{Format, Model};
-use crate::cli::network::{open_completer, open_guide, open_system};
+use crate::cli::network::{at_quality, open_completer, open_guide, open_system};
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Scene};
@@ -140,7 +140,9 @@ impl<'a> Engine<'a> {
                     )
                     .hint("leave it out, or fit with `--fit joint` or `--fit lse`"));
                 }
-                Loaded::Trained(Box::new(completer.with_fit(fit)))
+                let completer = completer.with_fit(fit);
+                let completer = at_quality(&completer, settings.quality, weights.as_deref())?;
+                Loaded::Trained(Box::new(completer))
             }
         };
         let monocular = open_guide(settings.guide.as_ref(), &settings.model.device)?;

@@ -1,8 +1,8 @@
 //! The settings of a run, resolved from its arguments: defaults filled in, combinations checked.
 
 use crate::cli::args::{Complete, Format, Model, Recorded};
-use lsdc_core::DepthNoise;
 use lsdc_core::fit::{Changes, FitConfig};
+use lsdc_core::{DepthNoise, Quality};
 use lsdc_eval::data::{Camera, DepthKind, Shard, Unit};
 use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
@@ -44,6 +44,8 @@ pub(super) struct Settings {
     /// Differences from the fit settings of the weights, which the record has in full.
     #[serde(skip)]
     fit: Changes,
+    #[serde(skip_serializing_if = "is_default")]
+    pub(super) quality: Quality,
     pub(super) full: bool,
     pub(super) size: Option<Size>,
     pub(super) temporal: bool,
@@ -181,6 +183,7 @@ impl Settings {
             method,
             model,
             fit: fit.changes(),
+            quality: fit.quality,
             full,
             size,
             temporal,
@@ -217,6 +220,11 @@ impl Settings {
             voxel: self.voxel,
         }
     }
+}
+
+/// Whether a setting is left out of the record, so that results from before it existed are used again.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// Checks that options of the fit are given for a method that has one.

@@ -1,13 +1,15 @@
-//! Opens what `--weights`, `--device`, `--method`, `--system` and `--guide` name, as far as the build has it.
+//! Opens what `--weights`, `--device`, `--method`, `--system`, `--guide` and `--quality` name, as far as the build has it.
 
 mod guide;
 #[cfg(not(feature = "train"))]
 mod prepared;
+mod quality;
 #[cfg(feature = "train")]
 mod trainable;
 
 pub(super) use guide::open_guide;
 #[cfg(not(feature = "train"))]
 pub(super) use prepared::{needs_training, open_completer, open_system, system_candidates};
+pub(super) use quality::at_quality;
 #[cfg(feature = "train")]
 pub(super) use trainable::{open_completer, open_system, system_candidates, systems};

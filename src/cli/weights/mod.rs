@@ -12,10 +12,10 @@ use lsdc_files::error::{Error, Result};
 use lsdc_weights::history::{self, HistoryEntry};
 use lsdc_weights::is_system;
 use lsdc_weights::to_bytes;
-use lsdc_weights::training_sets::{self, HEAD_TENSOR, TrainingSet};
+use lsdc_weights::training_sets::{self, HEAD_LICENCE, HEAD_TENSOR, TrainingSet};
 use lsdc_weights::{KNOWN, Store, how_to_install};
 use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE};
-use lsdc_weights::{embedded, embedded_with, open_weights, weights_hash, weights_name};
+use lsdc_weights::{embedded, embedded_with, named, open_weights, weights_hash, weights_name};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -44,7 +44,7 @@ fn list() -> Result<()> {
     };
     let trained_on = |what: &str, name: &str| {
         let data = training_sets::summary(&training_sets::named(name));
-        ui::print(&format!("{:<9} {what}trained on {data}", ""));
+        ui::print(&format!("          {what}trained on {data}"));
     };
     let on_encoder = |name: &str| KNOWN.iter().any(|known| known.weights == name);
     for weights in embedded()
@@ -79,11 +79,11 @@ fn list() -> Result<()> {
         };
         let about = format!("on {}; {}", known.name, known.extra_time);
         line(known.weights, known.bytes(), known.licence, place, &about);
-        let own = named(known.weights).map_or("not stated", |weights| weights.licence);
-        trained_on(&format!("weights on it: licence {own}, "), known.weights);
+        let licence = named(known.weights).map_or("not stated", |weights| weights.licence);
+        trained_on(&format!("the weights, {licence}, "), known.weights);
         if known.head.is_some() {
-            let head = format!("tensor of lsdc in its depth head: licence {HEAD_LICENCE}, ");
-            trained_on(&head, HEAD_TENSOR);
+            let what = format!("the learned tensor of the depth head, {HEAD_LICENCE}, ");
+            trained_on(&what, HEAD_TENSOR);
         }
     }
     for remark in remarks {
@@ -111,6 +111,9 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let training = training(notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
     let history = history::read(notes)?;
+    let contents = weights_hash(file)?;
+    let licence = embedded_with(&contents).map(|weights| weights.licence);
+    let trained_on = training_sets::of(&contents, &history);
     if as_json {
         let value = json!({
             "parameters": weights.parameters(),
@@ -120,6 +123,8 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
             "calibration": calibration,
             "training": training,
             "held_out": scores,
+            "licence": licence,
+            "trained_on": trained_on,
             "history": history,
         });
         ui::print(&pretty(&value)?);
@@ -146,8 +151,17 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     ui::print(&format!("input      {width}x{height}"));
     ui::print(&format!("fit        {fit}"));
     trained(training.as_ref(), scores);
+    licences(licence, &trained_on);
     made(&history);
     Ok(())
+}
+
+/// The licence of weights, and those of the data that they were trained on.
+fn licences(licence: Option<&str>, trained_on: &[TrainingSet]) {
+    ui::print(&format!("licence    {}", licence.unwrap_or("not stated")));
+    for set in trained_on {
+        ui::print(&format!("data       {set}"));
+    }
 }
 
 /// What weights were made from, the oldest first.

@@ -1,12 +1,12 @@
 //! `lsdc weights info` of a system that the paper compares itself with.
 
-use super::{made, parsed, pretty, trained, training};
+use super::{licences, made, parsed, pretty, trained, training};
 use crate::cli::ui;
 use lsdc_eval::metrics::Scores;
 use lsdc_files::error::Result;
 use lsdc_paper::systems::SystemWeights;
-use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE, history};
-use serde_json::json;
+use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE, history, training_sets};
+use serde_json::{Value, json};
 use std::path::Path;
 
 /// What weights of a system are.
@@ -15,6 +15,7 @@ pub(super) fn info(path: &Path, as_json: bool) -> Result<()> {
     let training = training(system.notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(system.notes.get(SCORES_NOTE))?;
     let history = history::read(&system.notes)?;
+    let trained_on = training_sets::of(&system.hash, &history);
     let parameters = system.parameters()?;
     if as_json {
         let value = json!({
@@ -24,6 +25,8 @@ pub(super) fn info(path: &Path, as_json: bool) -> Result<()> {
             "normalisation": system.normalisation,
             "training": training,
             "held_out": scores,
+            "licence": Value::Null,
+            "trained_on": trained_on,
             "history": history,
         });
         ui::print(&pretty(&value)?);
@@ -45,6 +48,7 @@ pub(super) fn info(path: &Path, as_json: bool) -> Result<()> {
     };
     ui::print(&format!("start      {start}"));
     trained(training.as_ref(), scores);
+    licences(None, &trained_on);
     made(&history);
     Ok(())
 }

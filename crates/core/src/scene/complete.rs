@@ -58,7 +58,8 @@ impl Scene {
     }
 
     /// The same, but with a prior centred on the weights of another fit, up to their scale: for the next
-    /// frame of a video. `weights` are [those](Completion::weights) of the previous frame.
+    /// frame of a video. `weights` are [those](Completion::weights) of the previous frame, at the same
+    /// [quality](crate::Quality).
     ///
     /// # Errors
     /// As for [`Self::complete`]; weights files without a prior, or weights of other basis functions.
@@ -77,8 +78,31 @@ impl Scene {
         transient: bool,
     ) -> Result<Completion> {
         let started = Instant::now();
+        let usable = UsableObservations::new(observations, self.0.size)?;
+        self.fitted(usable, previous_weights, transient, started)
+    }
+
+    /// The fit of usable observations, and, if there is a scene of the mirror image, of theirs in it.
+    fn fitted(
+        &self,
+        usable: UsableObservations,
+        previous_weights: Option<&[f64]>,
+        transient: bool,
+        started: Instant,
+    ) -> Result<Completion> {
         let inner = &*self.0;
-        let usable = UsableObservations::new(observations, inner.size)?;
+        let (previous_weights, previous_of_mirror) = match (previous_weights, &inner.mirror) {
+            (Some(weights), Some(_)) => {
+                let (own, mirrored) = weights.split_at(weights.len() / 2);
+                (Some(own), Some(mirrored))
+            }
+            (weights, _) => (weights, None),
+        };
+        let mirror = inner.mirror.as_ref().map(|scene| {
+            let mirrored = usable.mirrored(inner.size);
+            scene.fitted(mirrored, previous_of_mirror, transient, Instant::now())
+        });
+        let mirror = mirror.transpose()?;
         let mut config = *inner.completer.fit_config();
         let has_prior = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
         let centred_on: Option<Prior> = match (previous_weights, inner.completer.prior()) {
@@ -121,6 +145,7 @@ impl Scene {
             usable,
             config.method,
             times,
+            mirror,
         ))
     }
 }

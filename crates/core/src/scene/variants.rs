@@ -83,9 +83,10 @@ impl Scene {
         } else {
             OnceLock::new()
         };
-        let mirror = inner.mirror.as_ref().map(|mirror| mirror.with_fit(fit));
+        let mirror = inner.mirror.as_ref();
+        let mirror = mirror.map(|mirror| mirror.with_fit(fit)).transpose()?;
         let (completer, depth_guide) = (inner.completer.with_fit(fit), inner.depth_guide.clone());
-        Ok(self.with_settings(completer, depth_guide, guided_affinities, mirror.transpose()?))
+        Ok(self.with_settings(completer, depth_guide, guided_affinities, mirror))
     }
 
     /// The same scene with another prediction of its depth by other means, or none (see
@@ -93,9 +94,11 @@ impl Scene {
     #[must_use]
     pub fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
         let completer = self.0.completer.clone();
-        let mirrored = guide.map(DepthGuide::mirrored);
         let mirror = self.0.mirror.as_ref();
-        let mirror = mirror.map(|mirror| mirror.with_guide(mirrored.as_ref()));
+        let mirror = mirror.map(|mirror| {
+            let guide = guide.map(DepthGuide::mirrored);
+            mirror.with_guide(guide.as_ref())
+        });
         self.with_settings(completer, guide.cloned(), OnceLock::new(), mirror)
     }
 

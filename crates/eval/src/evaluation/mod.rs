@@ -17,7 +17,7 @@ use crate::report::{EvaluationReport, ExampleFrame, Failure, FrameRecord, Headin
 use crate::sampling::{CompletionTask, HoldOut, Noise, Pattern, Protocol};
 use candidate::PreparedFrame;
 use lsdc_classic::distances;
-use lsdc_core::{Completer, RANGE};
+use lsdc_core::{Completer, Quality, RANGE};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::provenance::{self, FileStamp};
 use rayon::prelude::*;
@@ -118,6 +118,10 @@ impl Evaluation<'_> {
             "uncertainty": uncertainty,
         });
         // Not there unless they are used: what was measured before they existed is still the same.
+        let quality = completer.map(Completer::quality);
+        if let Some(quality) = quality.filter(|quality| *quality != Quality::Standard) {
+            made_from["quality"] = json!(quality);
+        }
         if let Some(law) = hold_out {
             made_from["hold_out"] = json!(law);
         }

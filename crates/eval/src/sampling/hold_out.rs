@@ -66,7 +66,8 @@ impl HoldOut {
         Ok(rings.iter().map(|ring| !is_given(ring)).collect())
     }
 
-    fn clusters(frame: &Frame, count: usize, rng: &mut Rng) -> Vec<bool> {
+    /// The pixels of square blocks around this many measured ones.
+    pub(super) fn clusters(frame: &Frame, count: usize, rng: &mut Rng) -> Vec<bool> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
         let side = (width.min(height) / 8).max(1);
         let mut centres: Vec<_> = frame.depth.points().collect();

@@ -8,6 +8,7 @@ mod pattern;
 mod preset;
 mod protocol;
 mod resize;
+mod scanner;
 mod size;
 mod task;
 
@@ -18,5 +19,6 @@ pub use pattern::Pattern;
 pub use preset::ProtocolPreset;
 pub use protocol::{Anchor, Jumps, Protocol};
 pub use resize::{Interpolation, move_points, resize_depth, resize_rgb};
+pub use scanner::BEAMS;
 pub use size::Size;
 pub use task::CompletionTask;

@@ -1,7 +1,8 @@
 //! Where sparse depths come from: sampling patterns over the valid pixels of a frame.
 
-use super::Size;
 use super::corners::strongest;
+use super::scanner::{BEAMS, returns};
+use super::{HoldOut, Size};
 use crate::data::{DepthMap, Frame, Point, read_depth};
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
@@ -31,6 +32,13 @@ pub enum Pattern {
     Corners(usize),
     /// Exactly this many pixels, uniform among the valid ones of the left, right, upper or lower half, by chance.
     Half(usize),
+    /// Exactly this many pixels, uniform among the valid ones in eight square blocks, which are those of
+    /// [`HoldOut::Clusters`].
+    Clusters(usize),
+    /// The returns of a spinning laser scanner of this many beams, 4 to 128, beside a camera with a horizontal field of
+    /// view of 80 degrees: the elevations of real scanners, azimuth steps of 0.2 degrees, lost returns, noise, and
+    /// background seen past edges.
+    Scanner(usize),
     /// The points that come with the dataset.
     Given,
     /// `FRAME.npy` or `FRAME.png` (millimetres) of this folder.
@@ -84,6 +92,13 @@ impl Pattern {
                 let in_half = random_half(frame, seed);
                 chosen(depth.points().filter(in_half).collect(), *count, &mut rng)
             }
+            Self::Clusters(count) => {
+                let inside = HoldOut::clusters(frame, CLUSTERS, &mut rng);
+                let points = depth.points();
+                let points = points.filter(|p| inside[p.y * depth.width() + p.x]);
+                chosen(points.collect(), *count, &mut rng)
+            }
+            Self::Scanner(beams) => returns(frame, *beams, &mut rng),
             Self::Given => {
                 return frame.sparse.clone().ok_or_else(|| {
                     Error::config(format!("frame `{}` comes without sparse points", frame.id))
@@ -99,6 +114,9 @@ impl Pattern {
         ))
     }
 }
+
+/// Blocks of `clusters:N`.
+const CLUSTERS: usize = 8;
 
 /// This many of the points, drawn at random; all of them if there are fewer.
 fn chosen(mut points: Vec<Point>, count: usize, rng: &mut Rng) -> Vec<Point> {
@@ -152,6 +170,10 @@ impl Display for Pattern {
             Self::Lines(n) => write!(f, "{n} rows"),
             Self::Corners(n) => write!(f, "the {n} strongest corners"),
             Self::Half(n) => write!(f, "exactly {n} uniform valid pixels of one half"),
+            Self::Clusters(n) => {
+                write!(f, "exactly {n} uniform valid pixels of {CLUSTERS} blocks")
+            }
+            Self::Scanner(n) => write!(f, "the returns of a scanner of {n} beams"),
             Self::Given => write!(f, "the dataset's own"),
             Self::Files(folder) => write!(f, "from `{}`", folder.display()),
         }
@@ -166,7 +188,7 @@ impl FromStr for Pattern {
         let wrong = || {
             Error::config(format!("`{text}` is no pattern of points")).hint(
                 "N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N, \
-                 half:N, given, files:DIR",
+                 half:N, clusters:N, scanner:BEAMS (4 to 128), given, files:DIR",
             )
         };
         let (law, value) = text.split_once(':').unwrap_or((text, ""));
@@ -179,6 +201,11 @@ impl FromStr for Pattern {
             "lines" => Self::Lines(number(value)?),
             "corners" => Self::Corners(number(value)?),
             "half" => Self::Half(number(value)?),
+            "clusters" => Self::Clusters(number(value)?),
+            "scanner" => {
+                let beams = Some(number(value)?).filter(|beams| BEAMS.contains(beams));
+                Self::Scanner(beams.ok_or_else(wrong)?)
+            }
             "given" if value.is_empty() => Self::Given,
             "files" if !value.is_empty() => Self::Files(value.into()),
             _ => Self::Exactly(number(text)?),
@@ -196,6 +223,8 @@ impl From<Pattern> for String {
             Pattern::Lines(n) => format!("lines:{n}"),
             Pattern::Corners(n) => format!("corners:{n}"),
             Pattern::Half(n) => format!("half:{n}"),
+            Pattern::Clusters(n) => format!("clusters:{n}"),
+            Pattern::Scanner(n) => format!("scanner:{n}"),
             Pattern::Given => "given".into(),
             Pattern::Files(folder) => format!("files:{}", folder.display()),
         }
@@ -300,6 +329,22 @@ mod tests {
     }
 
     #[test]
+    fn clusters_are_blocks_and_scanners_read_valid_pixels_alone() {
+        let frame = ramp("a");
+        assert_eq!(draw("clusters:10", &frame, 0).count(), 10);
+        // Eight valid pixels, and at most two valid ones in each row of blocks of 3x3.
+        for seed in 0..20 {
+            let all = draw("clusters:5000", &frame, seed).count();
+            assert!((8..=48).contains(&all), "{all}");
+        }
+        let scan = draw("scanner:64", &frame, 0);
+        assert_eq!(scan, draw("scanner:64", &frame, 0));
+        assert_ne!(scan, draw("scanner:64", &frame, 1));
+        assert!(scan.count() > 0);
+        assert!(scan.points().all(|p| frame.depth.at(p.x, p.y) > 0.0));
+    }
+
+    #[test]
     fn masks_depend_on_seed_and_frame_alone() {
         let draw = |seed, id| draw("50", &ramp(id), seed);
         assert_eq!(draw(0, "a"), draw(0, "a"));
@@ -316,11 +361,22 @@ mod tests {
             "files:a/b",
             "corners:3",
             "half:20",
+            "clusters:30",
+            "scanner:64",
         ] {
             let pattern: Pattern = text.parse().unwrap();
             assert_eq!(String::from(pattern), text);
         }
-        for wrong in ["0", "grid:0", "files:", "given:3", "many", "lines:x"] {
+        for wrong in [
+            "0",
+            "grid:0",
+            "files:",
+            "given:3",
+            "many",
+            "lines:x",
+            "scanner:3",
+            "scanner:129",
+        ] {
             assert!(wrong.parse::<Pattern>().is_err(), "{wrong}");
         }
         assert!(Pattern::Given.draw(&ramp("a"), 0).is_err());

@@ -88,7 +88,7 @@ impl Sampler {
                 let encoding = self.encoding.as_ref();
                 Ok(Sample {
                     encoded: encoding.map(|e| e.of(&frame.rgb)).transpose()?,
-                    ..Sample::draw(&frame, &config.supervision, &mut rng)
+                    ..Sample::draw(&frame, &config.supervision, &mut rng)?
                 })
             })
             .collect()

@@ -9,6 +9,7 @@ mod images;
 mod loader;
 mod order;
 mod patches;
+mod patterns;
 
 pub use augment::AugmentConfig;
 pub use batch::Batch;
@@ -19,3 +20,4 @@ pub use images::{image_tensor, image_values};
 pub use loader::{Loader, Sampler, SamplerConfig};
 pub use order::Order;
 pub use patches::{Sample, SupervisionConfig};
+pub use patterns::PatternShares;

@@ -1,8 +1,10 @@
 //! Which pixels of a frame take part in a training step.
 
-use super::EncoderOutput;
+use super::patterns::log_uniform;
+use super::{EncoderOutput, PatternShares};
 use image::RgbImage;
 use lsdc_eval::data::{DepthMap, Frame};
+use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
@@ -24,6 +26,10 @@ pub struct SupervisionConfig {
     pub patches: usize,
     /// Side of a patch in pixels.
     pub patch: usize,
+    /// How the candidates are drawn; those of a pattern that finds fewer than `fewest` are uniform. The first fit to the
+    /// returns of a scanner reads all candidates. Truth is the whole depth of the frame, whatever the pattern.
+    #[serde(skip_serializing_if = "PatternShares::is_empty")]
+    pub patterns: PatternShares,
 }
 
 impl Default for SupervisionConfig {
@@ -34,6 +40,7 @@ impl Default for SupervisionConfig {
             draws: 1,
             patches: 0,
             patch: 16,
+            patterns: PatternShares::default(),
         }
     }
 }
@@ -49,7 +56,7 @@ impl SupervisionConfig {
                 "`supervision`: 0 < fewest <= points, draws > 0 and patch > 1",
             ));
         }
-        Ok(())
+        self.patterns.check()
     }
 }
 
@@ -78,17 +85,31 @@ pub struct Sample {
 
 impl Sample {
     /// Draws points and patches of a frame.
-    pub(super) fn draw(frame: &Frame, config: &SupervisionConfig, rng: &mut Rng) -> Self {
+    ///
+    /// # Errors
+    /// As [`Pattern::draw`].
+    pub(super) fn draw(frame: &Frame, config: &SupervisionConfig, rng: &mut Rng) -> Result<Self> {
         let depth = &frame.depth;
         let (width, height) = (depth.width(), depth.height());
+        let pattern = config.patterns.draw(config.points, rng);
+        let drawn = match &pattern {
+            Some(pattern) => Some(pattern.draw(frame, u64::from(rng.below(u32::MAX)))?),
+            None => None,
+        };
+        let drawn = drawn.filter(|drawn| drawn.count() >= config.fewest);
+        let is_scan = drawn.is_some() && matches!(pattern, Some(Pattern::Scanner(_)));
+        let given = drawn.as_ref().unwrap_or(depth);
         let mut valid: Vec<u32> = (0..(width * height) as u32)
-            .filter(|&i| depth.values()[i as usize] > 0.0)
+            .filter(|&i| given.values()[i as usize] > 0.0)
             .collect();
         rng.choose(&mut valid, config.points);
         valid.truncate(config.points);
         let found = valid.len();
         let draws = (0..config.draws)
-            .map(|_| draw(config, found, rng))
+            .map(|fit| match fit {
+                0 if is_scan => mask(config, 0..found),
+                _ => draw(config, found, rng),
+            })
             .collect();
         let mut pixels = valid;
         pixels.resize(config.points, 0);
@@ -111,12 +132,12 @@ impl Sample {
         let target = frame.target.as_ref();
         let map = target.map_or(depth, |target| &target.depth);
         let [mut measured, mut depths] = [
-            values(depth, &pixels[..config.points]),
+            values(given, &pixels[..config.points]),
             values(map, &pixels),
         ];
         measured[found..].fill(0.0);
         depths[found..config.points].fill(0.0);
-        Self {
+        Ok(Self {
             rgb: frame.rgb.clone(),
             encoded: None,
             map: map.values().to_vec(),
@@ -126,18 +147,21 @@ impl Sample {
             depths,
             draws,
             patch,
-        }
+        })
     }
 }
 
 /// A random subset of the `found` candidates, as a mask over all of them.
 fn draw(config: &SupervisionConfig, found: usize, rng: &mut Rng) -> Vec<f32> {
-    let span = (config.points as f32 / config.fewest as f32).ln();
-    let count = (config.fewest as f32 * (span * rng.unit()).exp()).round() as usize;
+    let count = log_uniform(config.fewest, config.points, rng);
     let mut order: Vec<usize> = (0..found).collect();
     rng.choose(&mut order, count);
+    mask(config, order.into_iter().take(count))
+}
+
+fn mask(config: &SupervisionConfig, read: impl Iterator<Item = usize>) -> Vec<f32> {
     let mut mask = vec![0.0; config.points];
-    for &i in order.iter().take(count) {
+    for i in read {
         mask[i] = 1.0;
     }
     mask
@@ -150,6 +174,27 @@ fn values(depth: &DepthMap, pixels: &[u32]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
+
+    fn room() -> Frame {
+        let config = RoomsConfig {
+            width: 96,
+            height: 72,
+            ..RoomsConfig::default()
+        };
+        let rooms = Rooms::new(Split::Train, &config).unwrap();
+        rooms.load(0).unwrap()
+    }
+
+    fn sample(frame: &Frame, config: &SupervisionConfig, seed: u64) -> Sample {
+        Sample::draw(frame, config, &mut Rng::stream(seed, &[])).unwrap()
+    }
+
+    /// The pixels of the candidates, and their depths.
+    fn candidates(sample: &Sample) -> (Vec<u32>, Vec<f32>) {
+        let pairs = sample.pixels.iter().zip(&sample.measured);
+        pairs.filter(|(_, depth)| **depth > 0.0).unzip()
+    }
 
     #[test]
     fn draws_read_only_valid_points() {
@@ -162,8 +207,9 @@ mod tests {
             draws: 3,
             patches: 2,
             patch: 8,
+            ..SupervisionConfig::default()
         };
-        let sample = Sample::draw(&frame, &config, &mut Rng::stream(0, &[]));
+        let sample = sample(&frame, &config, 0);
         assert_eq!(sample.pixels.len(), 1100 + 2 * 64);
         assert_eq!(sample.depths[960..1100], [0.0; 140]);
         for mask in &sample.draws {
@@ -176,5 +222,107 @@ mod tests {
             assert!(!bad);
         }
         assert_ne!(sample.draws[0], sample.draws[1]);
+    }
+
+    #[test]
+    fn without_patterns_the_stream_gives_candidates_then_fits_then_patches() {
+        let frame = room();
+        let config = SupervisionConfig {
+            points: 400,
+            fewest: 20,
+            draws: 2,
+            patches: 1,
+            patch: 8,
+            ..SupervisionConfig::default()
+        };
+        let found = sample(&frame, &config, 9);
+        let mut rng = Rng::stream(9, &[]);
+        let mut valid: Vec<u32> = (0..96 * 72).collect();
+        valid.retain(|&i| frame.depth.values()[i as usize] > 0.0);
+        rng.choose(&mut valid, 400);
+        assert_eq!(found.pixels[..400], valid[..400]);
+        for mask in &found.draws {
+            let count = (20.0 * (20.0_f32.ln() * rng.unit()).exp()).round() as usize;
+            let mut order: Vec<usize> = (0..400).collect();
+            rng.choose(&mut order, count);
+            let read: Vec<usize> = (0..400).filter(|i| mask[*i] > 0.0).collect();
+            order.truncate(count);
+            order.sort_unstable();
+            assert_eq!(read, order);
+        }
+        let (left, top) = (rng.below(96 - 7), rng.below(72 - 7));
+        assert_eq!(found.pixels[400], top * 96 + left);
+    }
+
+    #[test]
+    fn patterns_choose_the_candidates_and_the_truth_stays_dense() {
+        let frame = room();
+        let of = |patterns| SupervisionConfig {
+            points: 600,
+            fewest: 10,
+            draws: 2,
+            patterns,
+            ..SupervisionConfig::default()
+        };
+        let none = PatternShares::default();
+        let scanner = of(PatternShares {
+            scanner: 1.0,
+            ..none
+        });
+        let half = of(PatternShares { half: 1.0, ..none });
+        let clusters = of(PatternShares {
+            clusters: 1.0,
+            ..none
+        });
+        for config in [scanner, half, clusters] {
+            for seed in 0..10 {
+                let found = sample(&frame, &config, seed);
+                let again = sample(&frame, &config, seed);
+                assert_eq!(found.pixels, again.pixels);
+                assert_eq!(found.measured, again.measured);
+                assert_eq!(found.draws, again.draws);
+                assert_eq!(found.depths[600..], *frame.depth.values());
+                let (pixels, measured) = candidates(&found);
+                assert!((10..=600).contains(&pixels.len()), "{}", pixels.len());
+                let distinct: std::collections::BTreeSet<_> = pixels.iter().collect();
+                assert_eq!(distinct.len(), pixels.len());
+                let exact = pixels.iter().zip(&measured);
+                let exact = exact.filter(|(p, d)| frame.depth.values()[**p as usize] == **d);
+                let exact = exact.count();
+                let read = found.draws[0].iter().sum::<f32>() as usize;
+                if config == scanner {
+                    // Ranges have noise, and the first fit reads them all.
+                    assert!(10 * exact < pixels.len(), "{exact}");
+                    assert_eq!(read, pixels.len());
+                } else {
+                    assert_eq!(exact, pixels.len());
+                }
+                if config == half {
+                    let all = |inside: fn(u32, u32) -> bool| {
+                        pixels.iter().all(|p| inside(p % 96, p / 96))
+                    };
+                    let halves: [fn(u32, u32) -> bool; 4] =
+                        [|x, _| x < 48, |x, _| x >= 48, |_, y| y < 36, |_, y| y >= 36];
+                    assert!(halves.into_iter().any(all));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_pattern_that_finds_too_few_points_is_replaced_by_uniform_ones() {
+        // An image without corners.
+        let depth = DepthMap::new(40, 30, vec![2.0; 1200]).unwrap();
+        let frame = Frame::new("f".into(), RgbImage::new(40, 30), depth).unwrap();
+        let config = SupervisionConfig {
+            points: 50,
+            fewest: 10,
+            patterns: PatternShares {
+                corners: 1.0,
+                ..PatternShares::default()
+            },
+            ..SupervisionConfig::default()
+        };
+        assert_eq!(candidates(&sample(&frame, &config, 0)).0.len(), 50);
     }
 }

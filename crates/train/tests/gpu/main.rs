@@ -96,6 +96,7 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
             draws: 2,
             patches: 4,
             patch: 8,
+            ..SupervisionConfig::default()
         },
         batch: 3,
         seed: 0,

@@ -1,0 +1,318 @@
+//! The data that weights were trained on, with the licences that its owners state.
+
+use crate::embedded_with;
+use crate::history::HistoryEntry;
+use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
+use std::sync::LazyLock;
+
+/// Whether the owners of data allow commercial use, the strictest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CommercialUse {
+    /// They exclude it, or allow research alone.
+    No,
+    /// They state no licence, or it does not decide this.
+    Unclear,
+    /// They allow it.
+    Yes,
+}
+
+impl CommercialUse {
+    /// All of them, the strictest first.
+    pub const ALL: [Self; 3] = [Self::No, Self::Unclear, Self::Yes];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::No => "no",
+            Self::Unclear => "unclear",
+            Self::Yes => "yes",
+        }
+    }
+}
+
+/// Data that weights were trained on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct TrainingSet {
+    /// Its name.
+    pub name: String,
+    /// Who made it, or where it is published; `None` if this is not recorded.
+    pub source: Option<String>,
+    /// Its licence, as its owners or the repository that it is from state it.
+    pub licence: String,
+    /// Whether this allows commercial use.
+    pub commercial_use: CommercialUse,
+    /// Whether no tensor was trained on it, but a calibration or the choice of a checkpoint depends on it.
+    pub calibration_only: bool,
+}
+
+impl Display for TrainingSet {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.name)?;
+        if let Some(source) = &self.source {
+            write!(f, " ({source})")?;
+        }
+        let allowed = self.commercial_use.name();
+        write!(f, ", licence: {}, commercial use: {allowed}", self.licence)?;
+        if self.calibration_only {
+            write!(f, ", calibration only")?;
+        }
+        Ok(())
+    }
+}
+
+/// The name of the learned tensor of the depth head in [`named`].
+pub const HEAD_TENSOR: &str = "depth head";
+
+/// The licence of this tensor.
+pub const HEAD_LICENCE: &str = "MIT OR Apache-2.0";
+
+/// Data of the weights of the program.
+#[derive(Deserialize)]
+struct KnownSet {
+    name: String,
+    source: String,
+    licence: String,
+    commercial_use: CommercialUse,
+    /// The weights that were trained on it.
+    trained: Vec<String>,
+    /// Other weights, of which a calibration or the choice of a checkpoint depends on it.
+    calibrated: Vec<String>,
+}
+
+/// All of it, the strictest licence first. The tests read it.
+static KNOWN_SETS: LazyLock<Vec<KnownSet>> =
+    LazyLock::new(|| serde_json::from_str(include_str!("training_sets.json")).unwrap_or_default());
+
+/// Returns the data of weights of the program by their name, or of [`HEAD_TENSOR`], the strictest licence first.
+pub fn named(weights: &str) -> Vec<TrainingSet> {
+    let has = |names: &[String]| names.iter().any(|name| name == weights);
+    let used = KNOWN_SETS.iter();
+    let used = used.filter(|set| has(&set.trained) || has(&set.calibrated));
+    used.map(|set| TrainingSet {
+        name: set.name.clone(),
+        source: Some(set.source.clone()),
+        licence: set.licence.clone(),
+        commercial_use: set.commercial_use,
+        calibration_only: !has(&set.trained),
+    })
+    .collect()
+}
+
+/// Returns the data of weights by their contents ([`weights_hash`](crate::weights_hash)) and history, the strictest licence
+/// first: that of the weights of the program that they were made from, and their own, whose licence is not recorded.
+pub fn of(contents: &str, history: &[HistoryEntry]) -> Vec<TrainingSet> {
+    let mut sets = Vec::new();
+    collect(&mut sets, contents, history);
+    sets.sort_by_key(|set| set.commercial_use);
+    sets
+}
+
+fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]) {
+    if let Some(weights) = embedded_with(contents) {
+        for set in named(weights.name) {
+            add(sets, set);
+        }
+        return;
+    }
+    // The entries before are those of the weights of the program.
+    let starts_known = |entry: &HistoryEntry| {
+        let mut starts = entry.sources.iter().filter(|source| source.role == "start");
+        starts.any(|start| embedded_with(&start.contents).is_some())
+    };
+    let first = history.iter().rposition(starts_known).unwrap_or(0);
+    for (index, entry) in history.iter().enumerate().skip(first) {
+        let (found, frames) = (entry.data["found"].as_str(), entry.data["frames"].as_u64());
+        if let (Some(found), Some(frames)) = (found, frames) {
+            let mut set = not_recorded(format!("{frames} frames of {found}"));
+            set.calibration_only = entry.command.starts_with("calibrate");
+            add(sets, set);
+        }
+        for source in &entry.sources {
+            let is_known = embedded_with(&source.contents).is_some();
+            // The entries before are the history of later starts.
+            let has_history = !source.history.is_empty() || (source.role == "start" && index > 0);
+            if is_known || has_history {
+                collect(sets, &source.contents, &source.history);
+            } else {
+                add(
+                    sets,
+                    not_recorded(format!("{} `{}`", source.role, source.weights)),
+                );
+            }
+        }
+    }
+}
+
+fn not_recorded(name: String) -> TrainingSet {
+    TrainingSet {
+        name,
+        source: None,
+        licence: "not stated".to_owned(),
+        commercial_use: CommercialUse::Unclear,
+        calibration_only: false,
+    }
+}
+
+/// Adds data, or what else it was used for.
+fn add(sets: &mut Vec<TrainingSet>, set: TrainingSet) {
+    match sets.iter_mut().find(|other| other.name == set.name) {
+        Some(other) => other.calibration_only &= set.calibration_only,
+        None => sets.push(set),
+    }
+}
+
+/// One line that names data by its licences, the strictest first: `non-commercial data: A, B; data ...`.
+pub fn summary(sets: &[TrainingSet]) -> String {
+    let of_kind = |kind: CommercialUse| {
+        let names = sets.iter().filter(|set| set.commercial_use == kind);
+        let names = names.map(|set| {
+            let remark = if set.calibration_only {
+                " (calibration only)"
+            } else {
+                ""
+            };
+            format!("{}{remark}", set.name)
+        });
+        let names: Vec<String> = names.collect();
+        let title = match kind {
+            CommercialUse::No => "non-commercial data",
+            CommercialUse::Unclear => "data without a clear licence",
+            CommercialUse::Yes => "data that allows commercial use",
+        };
+        (!names.is_empty()).then(|| format!("{title}: {}", names.join(", ")))
+    };
+    let parts: Vec<String> = CommercialUse::ALL.into_iter().filter_map(of_kind).collect();
+    if parts.is_empty() {
+        return "data that is not recorded".to_owned();
+    }
+    parts.join("; ")
+}
+
+#[cfg(all(test, feature = "weights"))]
+mod tests {
+    use super::*;
+    use crate::history::SourceWeights;
+    use crate::{embedded, weights_hash};
+    use serde_json::{Value, json};
+    use std::path::Path;
+
+    fn names(sets: &[TrainingSet], kind: CommercialUse) -> Vec<&str> {
+        let sets = sets.iter().filter(|set| set.commercial_use == kind);
+        sets.map(|set| set.name.as_str()).collect()
+    }
+
+    fn entry(command: &str, found: &str, sources: Vec<SourceWeights>) -> HistoryEntry {
+        HistoryEntry {
+            command: command.to_owned(),
+            program: Value::Null,
+            sources,
+            data: json!({ "found": found, "frames": 10 }),
+            settings: Value::Null,
+            seconds: 0.0,
+            ended: String::new(),
+        }
+    }
+
+    fn source(role: &str, contents: &str, history: Vec<HistoryEntry>) -> SourceWeights {
+        SourceWeights {
+            role: role.to_owned(),
+            weights: format!("{role}.safetensors"),
+            contents: contents.to_owned(),
+            history,
+        }
+    }
+
+    fn contents(name: &str) -> String {
+        weights_hash(Some(Path::new(name))).unwrap()
+    }
+
+    #[test]
+    fn all_weights_of_the_program_have_their_data() {
+        let sets = KNOWN_SETS.iter();
+        assert!(sets.clone().map(|set| set.commercial_use).is_sorted());
+        let built_in = embedded().iter().map(|weights| weights.name);
+        let all: Vec<&str> = built_in.chain([HEAD_TENSOR]).collect();
+        for name in sets.flat_map(|set| set.trained.iter().chain(&set.calibrated)) {
+            assert!(all.contains(&name.as_str()), "{name}");
+        }
+        // Counted by hand in the lists of frames that the weights were trained on.
+        let indoors = "RGB-D-D, Replica, GQ-CNN examples";
+        for (weights, count, others) in [
+            ("default", 18, ", SUN database, KITTI"),
+            ("small", 18, ", SUN database, KITTI"),
+            ("anything", 12, ""),
+            (HEAD_TENSOR, 19, ", SUN database, KITTI, nuScenes"),
+        ] {
+            let sets = named(weights);
+            assert_eq!(sets.len(), count, "{weights}");
+            let excluded = names(&sets, CommercialUse::No).join(", ");
+            assert_eq!(excluded, format!("{indoors}{others}"), "{weights}");
+            assert!(names(&sets, CommercialUse::Unclear).contains(&"NYU Depth v2"));
+            let calibrated = sets.iter().any(|set| set.calibration_only);
+            assert_eq!(calibrated, weights != "anything", "{weights}");
+        }
+        for weights in embedded() {
+            let sets = of(&contents(weights.name), &[]);
+            assert_eq!(sets, named(weights.name));
+        }
+        assert!(named("huge").is_empty());
+    }
+
+    #[test]
+    fn weights_inherit_the_data_of_those_that_they_were_made_from() {
+        let own = "10 frames of a garden";
+        let start = |contents: &str| vec![source("start", contents, Vec::new())];
+        let history = [
+            entry("train", "what `anything` was made from", Vec::new()),
+            entry("train", "a garden", start(&contents("anything"))),
+            entry("calibrate", "a street", start("0")),
+        ];
+        let sets = of("1", &history);
+        assert_eq!(sets.len(), 12 + 2);
+        assert!(sets.iter().map(|set| set.commercial_use).is_sorted());
+        let find = |name: &str| sets.iter().find(|set| set.name == name).unwrap();
+        assert_eq!(find(own).licence, "not stated");
+        assert!(!find(own).calibration_only);
+        assert!(find("10 frames of a street").calibration_only);
+        assert_eq!(find("TUM RGB-D").licence, "CC BY 4.0");
+
+        // What a teacher was taught counts, and what nobody recorded is named.
+        let sources = vec![
+            source("teacher", "1", history.to_vec()),
+            source("backbone", "2", Vec::new()),
+        ];
+        let taught = of("3", &[entry("train", "a garden", sources)]);
+        assert_eq!(taught.len(), 12 + 2 + 1);
+        let unclear = names(&taught, CommercialUse::Unclear);
+        assert!(unclear.contains(&"backbone `backbone.safetensors`"));
+        assert!(unclear.contains(&own));
+    }
+
+    #[test]
+    fn the_strictest_licence_is_first() {
+        let mut sets = named("anything");
+        sets.retain(|set| ["NYU Depth v2", "TUM RGB-D"].contains(&set.name.as_str()));
+        sets.push(TrainingSet {
+            calibration_only: true,
+            ..not_recorded("a street".to_owned())
+        });
+        let names: Vec<&str> = sets.iter().map(|set| set.name.as_str()).collect();
+        assert_eq!(names, ["NYU Depth v2", "TUM RGB-D", "a street"]);
+        assert_eq!(
+            summary(&sets),
+            "data without a clear licence: NYU Depth v2, a street (calibration only); \
+             data that allows commercial use: TUM RGB-D"
+        );
+        assert_eq!(summary(&[]), "data that is not recorded");
+        assert_eq!(
+            sets[1].to_string(),
+            "TUM RGB-D (Sturm et al. 2012), licence: CC BY 4.0, commercial use: yes"
+        );
+        assert_eq!(
+            sets[2].to_string(),
+            "a street, licence: not stated, commercial use: unclear, calibration only"
+        );
+    }
+}
