@@ -19,7 +19,7 @@ use lsdc_core::network::{DepthHead, Encoder, EncoderConfig};
 use lsdc_core::weights::Tensor;
 use lsdc_core::{
     Channels, Completer, Completion, DepthAnything, DepthGuide, GuideKind, Image, Observation,
-    Observations,
+    Observations, Quality,
 };
 use lsdc_eval::data::{Dataset, DepthMap, Frame, Rooms, RoomsConfig, Split};
 use lsdc_eval::metrics::{Metric, Rules, Scores};
@@ -251,6 +251,8 @@ fn of_network(results: &mut Results, name: &str, completer: &Completer, input: &
             let guide = DepthGuide::new(GuideKind::Disparity, width, height, &guide).unwrap();
             let guided = guided_scene(completer, &frame.rgb, Some(&guide)).unwrap();
             add("guide", depths(&guided.complete(points).unwrap()));
+            let best = scene(&completer.with_quality(Quality::Best), &frame.rgb).unwrap();
+            add("best", depths(&best.complete(points).unwrap()));
         }
         "large" => {
             let full = completer.with_working_size(480, 640).unwrap();

@@ -4,7 +4,7 @@ use super::args::Calibrate;
 use super::{Exit, settings, ui};
 use lsdc_core::Weights;
 use lsdc_core::fit::Lambda;
-use lsdc_eval::data::{Dataset, DatasetKind, Split, check_output, write_atomically};
+use lsdc_eval::data::{DataConfig, Dataset, DatasetKind, Split, check_output, write_atomically};
 use lsdc_eval::sampling::{Interpolation, Protocol, ProtocolPreset};
 use lsdc_files::error::{Error, Result};
 use lsdc_train::device::device;
@@ -32,7 +32,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     }
     let mut config = trained_by(&weights)?;
     config.scenes = args.scenes.clone().or(config.scenes);
-    let mut data = args.settings.load()?.data;
+    let mut data = dataset(args)?;
     args.source.apply(&mut data);
     let frames = settings::open(&data, Split::Train)?;
     let record = lsdc_eval::data::frames_record(frames.as_ref());
@@ -44,12 +44,18 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
             weights.network.bases
         ));
     }
-    if (keeps_prior || data.dataset == DatasetKind::Scans) && !was_trained_on(&weights, &record)? {
+    // The protocol of a training is for its own frames, and for datasets that it belongs to.
+    let own = keeps_prior || matches!(data.dataset, DatasetKind::Scans | DatasetKind::Folder);
+    if own && !was_trained_on(&weights, &record)? {
         config.protocol = own_protocol(frames.as_ref(), &weights)?;
         if keeps_prior {
             config.held_out = 0;
         }
-        ui::say(&format!("frames: {}", config.protocol));
+        ui::say(&format!(
+            "no training of the weights was on exactly these {} frames: all count as unseen; {}",
+            frames.len(),
+            config.protocol
+        ));
     }
     let started = Instant::now();
     let bar = ui::bar(frames.len(), "frames");
@@ -59,10 +65,10 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         bar.set_position(done as u64);
     };
     let scenes = Scenes::of(frames.as_ref(), config.scenes.as_deref())?;
-    let held = if args.only_errors {
+    let learned = if args.only_errors {
         let all: Vec<usize> = (0..frames.len()).collect();
         let frames = frames.as_ref();
-        training::learn_errors(
+        Some(training::learn_errors(
             &mut weights,
             frames,
             &all,
@@ -70,8 +76,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
             &config,
             &device,
             progress,
-        )?
-        .coverage
+        )?)
     } else {
         training::calibrate(&mut weights, frames.as_ref(), &config, &device, progress)?
     };
@@ -94,7 +99,15 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     history::add(&mut weights.notes, [made])?;
     let bytes = to_bytes(&weights, Precision::Half)?;
     write_atomically(&args.output, |out| out.write_all(&bytes))?;
-    if let Some(held) = held {
+    if let Some(learned) = learned.as_ref().filter(|learned| learned.halved > 0) {
+        ui::say(&format!(
+            "half of the depths of {} of {} frames were given, which are fewer than {}",
+            learned.halved,
+            learned.frames,
+            training::NUMBERS[training::NUMBERS.len() - 1]
+        ));
+    }
+    if let Some(held) = learned.and_then(|learned| learned.coverage) {
         for (number, (one, two)) in training::NUMBERS.iter().zip(held) {
             ui::print(&format!(
                 "{number:>5} points: intervals of 68.3 % hold {:.1} % of errors in {} left out, those of \
@@ -112,6 +125,26 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     }
     ui::print(&format!("written   {}", args.output.display()));
     Ok(Exit::Done)
+}
+
+/// The dataset of the settings, which may name nothing else by `--set`.
+fn dataset(args: &Calibrate) -> Result<DataConfig> {
+    let settings = args.settings.load()?;
+    let other = args
+        .settings
+        .set
+        .iter()
+        .find(|set| !set.starts_with("data."));
+    if let Some(other) = other {
+        return Err(Error::config(format!(
+            "`{other}` is no setting of the dataset, which is all that calibrating reads"
+        ))
+        .hint("its other settings are those of the training of the weights"));
+    }
+    if let Some(config) = &args.settings.config {
+        ui::say(&format!("`{}`: only its dataset is read", config.display()));
+    }
+    Ok(settings.data)
 }
 
 /// Whether weights were trained on the frames of this record and no others, in some run.

@@ -89,6 +89,68 @@ fn every_instruction_set_gives_the_same_depths() {
 }
 
 #[test]
+fn the_best_quality_is_the_mean_with_the_mirror_image() {
+    let (folder, mirror) = (room(), tempfile::tempdir().unwrap());
+    let rgb = lsdc_eval::data::read_rgb(&folder.path().join("rgb.png")).unwrap();
+    let flipped = image::imageops::flip_horizontal(&rgb);
+    flipped.save(mirror.path().join("rgb.png")).unwrap();
+    let sparse = read_npy(&folder.path().join("sparse.npy"), 1.0).unwrap();
+    let (width, height) = (sparse.width(), sparse.height());
+    let mut points: Vec<_> = sparse.points().collect();
+    for point in &mut points {
+        point.x = width - 1 - point.x;
+    }
+    let flipped = DepthMap::from_points(width, height, &points);
+    write_npy(&mirror.path().join("sparse.npy"), &flipped).unwrap();
+
+    let completed = |at: &Path, quality: &str| {
+        let run = lsdc(at)
+            .args(["complete", "rgb.png", "sparse.npy", "-o", quality])
+            .args(["--formats", "npy,json", "--quality", quality])
+            .assert()
+            .success();
+        let is_best = quality == "best";
+        assert_eq!(text(&run).contains("\nquality   best\n"), is_best);
+        let report = json(&at.join(quality).join("rgb_report.json"));
+        assert_eq!(report["quality"] == "best", is_best, "{report}");
+        read_npy(&at.join(quality).join("rgb_depth.npy"), 1.0).unwrap()
+    };
+    let standard = completed(folder.path(), "standard");
+    let best = completed(folder.path(), "best");
+    let mirrored = completed(mirror.path(), "standard");
+    let mut apart: f32 = 0.0;
+    for (i, best) in best.values().iter().enumerate() {
+        let (x, y) = (i % width, i / width);
+        let (one, other) = (standard.at(x, y), mirrored.at(width - 1 - x, y));
+        let mean = 0.5 * (one + other);
+        assert!(
+            (best - mean).abs() <= 1e-4 * mean,
+            "{x}, {y}: {best} {mean}"
+        );
+        apart = apart.max((best / one - 1.0).abs());
+    }
+    assert!(apart > 0.01, "{apart}");
+}
+
+#[test]
+fn the_best_quality_is_timed_and_named() {
+    let folder = room();
+    let bench = |more: &[&str]| {
+        let mut command = lsdc(folder.path());
+        command.args(["bench", "--runs", "1", "--size", "64x48"]);
+        text(&command.args(more).assert().success())
+    };
+    let printed = bench(&["--quality", "best"]);
+    let words = "64x48, 500 points, quality best, median of 1 runs\n";
+    assert!(printed.contains(words), "{printed}");
+    let outcome: serde_json::Value =
+        serde_json::from_str(&bench(&["--quality", "best", "--json"])).unwrap();
+    assert_eq!(outcome["quality"], "best");
+    assert!(outcome["total_ms"].as_f64().unwrap() > 0.0);
+    assert!(!bench(&["--json"]).contains("quality"));
+}
+
+#[test]
 fn training_steps_of_a_configuration_are_timed() {
     let folder = room();
     let bench = |more: &[&str]| {

@@ -38,6 +38,26 @@ fn eval_reports_methods_side_by_side() {
 }
 
 #[test]
+fn the_best_quality_is_evaluated_and_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let eval = |quality: &str| {
+        let file = format!("{quality}.json");
+        let run = lsdc(folder.path())
+            .args(ROOMS)
+            .args(["--method", "lsdc", "--weights", "small"])
+            .args(["--quality", quality, "--json", &file])
+            .assert()
+            .success();
+        let report = json(&folder.path().join(file));
+        assert_eq!(text(&run).contains("; quality best\n"), quality == "best");
+        report["means"]["lsdc"]["mean"]["rmse"].as_f64().unwrap()
+    };
+    // Another error, of the same size.
+    let ratio = eval("best") / eval("standard");
+    assert!(ratio != 1.0 && (0.8..1.25).contains(&ratio), "{ratio}");
+}
+
+#[test]
 fn shards_join_to_the_whole() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -169,6 +169,34 @@ fn results_of_other_settings_are_not_gone_on_with() {
     assert!(at.join("out/b_depth.pfm").exists());
 }
 
+#[test]
+fn results_of_the_best_quality_are_not_taken_for_standard_ones() {
+    let folder = completed();
+    let at = folder.path();
+    let depth = || read_npy(&at.join("out/a_depth.npy"), 1.0).unwrap();
+    let run = |more: &[&str]| {
+        let run = lsdc(at).args(COMPLETE).args(more).assert();
+        text(&run.success())
+    };
+    let standard = depth();
+    run(&["--quality", "best", "--force"]);
+    let best = depth();
+    assert_ne!(best, standard);
+    let again = run(&["--quality", "best"]);
+    assert!(again.contains("0 completed, 2 there already"), "{again}");
+    // The record of a standard result does not name its quality.
+    let words = [
+        "2 results of other settings",
+        "quality: \"best\"",
+        "--force",
+    ];
+    refused(at, &COMPLETE, &words);
+    assert_eq!(depth(), best);
+    let anew = run(&["--force"]);
+    assert!(anew.contains("2 completed, 0 there already"), "{anew}");
+    assert_eq!(depth(), standard);
+}
+
 /// Replaces text in a file.
 fn replace(path: &Path, from: &str, to: &str) {
     let text = std::fs::read_to_string(path).unwrap();

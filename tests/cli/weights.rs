@@ -2,6 +2,7 @@
 
 use super::*;
 use lsdc_eval::metrics::{Metric, Rules, Scores};
+use lsdc_weights::{Precision, open_weights, to_bytes};
 
 #[test]
 fn weights_are_listed_described_and_converted() {
@@ -130,6 +131,15 @@ fn licences_of_training_data_are_stated() {
             "\ndata       TUM RGB-D (Sturm et al. 2012), licence: CC BY 4.0, commercial use: yes\n";
         assert!(info.contains(words), "{info}");
     }
+
+    // A file may say nothing of what it was made from.
+    let mut weights = open_weights(Some(at.join("own.safetensors").as_ref())).unwrap();
+    weights.notes.clear();
+    let bytes = to_bytes(&weights, Precision::Half).unwrap();
+    std::fs::write(at.join("other.safetensors"), bytes).unwrap();
+    let other = info(&["other.safetensors"]);
+    let words = "\nlicence    not stated\ndata       not recorded\n";
+    assert!(other.contains(words), "{other}");
 }
 
 fn golden(name: &str) -> PathBuf {

@@ -169,7 +169,8 @@ impl Scene {
             robust: Some(None),
             ..Changes::default()
         });
-        let scene = self.with_fit(alone)?;
+        // Thresholds were chosen on single fits.
+        let scene = self.without_mirror().with_fit(alone)?;
         let errors = |points: &[Observation]| -> Result<Vec<f64>> {
             let fit = scene.complete(&points.iter().copied().collect())?;
             let errors = fit.leave_one_out();

@@ -311,6 +311,9 @@ impl Completer {
 
     /// The same completer with scenes of another quality, which is [`Quality::Standard`] otherwise.
     ///
+    /// Without a network, the mirror image has the mirrored depths, up to rounding and ties: [`Quality::Best`] then takes
+    /// twice the time for nothing.
+    ///
     /// ```
     /// # #[cfg(feature = "weights")]
     /// # fn main() -> lsdc_core::Result<()> {

@@ -43,8 +43,8 @@ struct Inner {
     weights: Vec<f64>,
 }
 
-/// Statistics of a fit. At [`Quality::Best`](crate::Quality::Best), `residual` is that of the mean of two fits, run times are
-/// sums, and the others are those of the fit to the image as it is.
+/// Statistics of a fit. At [`Quality::Best`](crate::Quality::Best), `residual` is that of the mean of two fits, `limited` is
+/// the larger of both, run times are sums, and the others are those of the fit to the image as it is.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Report {
@@ -165,11 +165,13 @@ impl Completion {
         let mut residuals = residuals(&fit, &usable, detail.as_ref());
         let mut weights = fit.weights.clone();
         let mut both = [field, solve];
+        let mut limited = fit.limited();
         if let Some(mirror) = &mirror {
             average(residuals.to_mut(), &mirror.own_residuals(), f64::midpoint);
             weights.extend_from_slice(mirror.weights());
             both[0] += mirror.report().field;
             both[1] += mirror.report().solve;
+            limited = limited.max(mirror.report().limited);
         }
         let [field, solve] = both;
         let report = Report {
@@ -182,7 +184,7 @@ impl Completion {
                 .smoothed
                 .as_ref()
                 .map_or(0, |smoothed| smoothed.count),
-            limited: fit.limited(),
+            limited,
             method,
             residual: root_mean_square(&residuals),
             rank: fit.rank,
@@ -341,6 +343,24 @@ impl Completion {
     pub fn limits(&self) -> (f32, f32) {
         let (low, high) = self.0.usable.range();
         (low / RANGE, high * RANGE)
+    }
+
+    /// The number of pixels of a [map](Self::depth_at) of this completion that are clamped to [`Self::limits`]. At
+    /// [`Quality::Best`](crate::Quality::Best), a pixel counts if either fit clamps it: the mean may lie within the limits.
+    #[doc(hidden)]
+    pub fn clamped_pixels(&self, map: &DepthMap) -> usize {
+        let (low, high) = self.limits();
+        let is_clamped = |depth: f32| depth <= low || depth >= high;
+        let Some(mirror) = &self.0.mirror else {
+            let depths = map.values().iter();
+            return depths.filter(|&&depth| is_clamped(depth)).count();
+        };
+        let size = (map.height(), map.width());
+        let (own, others) = (self.dense(size), mirrored(&mirror.dense(size), size.1, 1));
+        let pairs = own.into_iter().zip(others);
+        pairs
+            .filter(|&(own, other)| is_clamped(own) || is_clamped(other))
+            .count()
     }
 
     /// The dense depth of this fit alone.

@@ -240,7 +240,7 @@ pub enum FitError {
          cosines"
     )]
     OtherWeights {
-        /// Basis functions and cosines of this fit.
+        /// Basis functions and cosines of this fit; of both fits at [`Quality::Best`](crate::Quality::Best).
         expected: usize,
         /// Weights that were given.
         found: usize,

@@ -26,10 +26,10 @@ impl Completion {
     /// another share. Where observations are dense and the map follows each of them, it is scaled to their
     /// leave-one-out errors.
     ///
-    /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are those of both fits: the variance of the
-    /// mean of two depths, (a^2 + b^2 + 2 r a b) / 4, is at most the square of this for any correlation r of their errors.
-    /// Half the difference d of the depths is not added. The mean of d^2 is (a^2 + b^2) / 2 less that variance: it is a part
-    /// of a and b that the mean of the depths does not have.
+    /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are those of both fits. It is not calibrated
+    /// again: intervals hold at least their share of errors, unless the errors of both fits are the same. The squared scale of
+    /// a mean of jointly normal or Student-t errors of correlation r, (a^2 + b^2 + 2 r a b) / 4, is at most the square of
+    /// this. Half the difference of both depths is not added: it is a part of a and b that their mean does not have.
     ///
     /// # Errors
     /// Too few observations for an estimate.

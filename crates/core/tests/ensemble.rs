@@ -3,7 +3,7 @@
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
 
-use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust, Space};
 use lsdc_core::{
     Channels, Completer, Completion, DepthGuide, DepthMap, Error, FitError, GuideKind, Image,
     Observation, Observations, Quality, Scene, Weights,
@@ -108,7 +108,7 @@ fn assert_means(best: &[f64], own: &[f64], of_mirror: &[f64]) {
     }
 }
 
-/// Checks everything that a completion tells against those of image and mirror image.
+/// Checks every result of a completion against those of image and mirror image.
 fn assert_is_mean(frame: &Frame, [own, of_mirror, best]: &[Completion; 3]) {
     let (width, height) = frame.size;
     let other_size = (width + 7, height - 5);
@@ -145,6 +145,8 @@ fn assert_is_mean(frame: &Frame, [own, of_mirror, best]: &[Completion; 3]) {
     let left_out = root_mean_square(best.leave_one_out());
     assert!((best.leave_one_out_error().unwrap() / left_out - 1.0).abs() < 1e-9);
     assert_eq!(best.freedom(), own.freedom());
+    let limited = |one: &Completion| one.report().limited;
+    assert_eq!(limited(best), limited(own).max(limited(of_mirror)));
     // Both take part.
     let map = |one: &Completion| one.depth().unwrap();
     assert_ne!(map(own).values(), mirrored(map(of_mirror).values(), width));
@@ -317,10 +319,98 @@ fn the_next_frame_of_a_video_starts_from_both_fits() {
         &near(of_mirror, &mirrored_few, of_mirror).unwrap(),
     );
     assert_eq!(near(best, &few, best).unwrap().values(), expected);
-    // One fit says nothing of the other.
-    let refused = near(best, &few, own);
-    assert!(matches!(
-        refused,
-        Err(Error::Fit(FitError::OtherWeights { .. }))
-    ));
+    // The weights of one fit do not determine those of the other.
+    let (count, weights) = (own.weights().len(), best.weights());
+    for found in [0, count, 2 * count - 1] {
+        let near = best.scene().complete_near(&few, &weights[..found]);
+        let refused = FitError::OtherWeights {
+            expected: 2 * count,
+            found,
+        };
+        assert!(
+            matches!(&near, Err(Error::Fit(error)) if *error == refused),
+            "{near:?}"
+        );
+    }
+}
+
+#[test]
+fn a_pixel_counts_as_clamped_if_either_fit_clamps_it() {
+    let mut frame = Frame::new(96, 72, 60);
+    // Between such points, inverse depths fall below 0.
+    let points = frame.points.iter().enumerate();
+    let points = points.map(|(i, point)| Observation {
+        depth: if i.is_multiple_of(3) { 20.0 } else { 1.0 },
+        ..*point
+    });
+    frame.points = points.collect();
+    let inverse = FitConfig {
+        space: Space::Inverse,
+        ..FitConfig::default()
+    };
+    let all = frame.completed(&COMPLETER.with_fit(inverse));
+    let is_clamped = |depth: f32| depth <= 0.1 || depth >= 200.0;
+    let clamped = |depths: &[f32]| depths.iter().filter(|&&depth| is_clamped(depth)).count();
+    for (width, height) in [frame.size, (50, 40)] {
+        let maps = all
+            .each_ref()
+            .map(|one| one.depth_at(width, height).unwrap());
+        let [own, of_mirror, best] = &maps;
+        let others = mirrored(of_mirror.values(), width);
+        let pairs = own.values().iter().zip(&others);
+        let either = pairs
+            .filter(|&(&own, &other)| is_clamped(own) || is_clamped(other))
+            .count();
+        assert_eq!(all[0].clamped_pixels(own), clamped(own.values()));
+        assert_eq!(all[2].clamped_pixels(best), either);
+        assert!(clamped(best.values()) < either);
+    }
+}
+
+#[test]
+fn points_are_compared_at_other_places_by_single_fits() {
+    let frame = Frame::new(96, 72, 300);
+    let scenes = [frame.scene(&COMPLETER), frame.best(&COMPLETER)];
+    let [standard, best] = scenes
+        .each_ref()
+        .map(|scene| scene.alignment(&frame.points).unwrap());
+    assert!(best.shift().is_some());
+    assert_eq!(best, standard);
+    let there = [frame.mirrored_points(&frame.points)];
+    let [standard, best] = scenes
+        .each_ref()
+        .map(|scene| scene.compare(&frame.points, &there).unwrap());
+    assert!(best.best().is_some());
+    assert_eq!(best, standard);
+}
+
+#[test]
+fn without_a_network_the_mirror_image_has_the_mirrored_depths() {
+    let mut frame = Frame::new(96, 72, 60);
+    // In general position: a triangulation of points on a grid has ties.
+    let points = (1..=60).map(|i| {
+        let steps = [(0.754_877_666, 95.0), (0.569_840_291, 71.0)];
+        let [u, v] = steps.map(|(step, length): (f64, f64)| {
+            (64.0 * (step * f64::from(i)).fract() * length).floor() / 64.0
+        });
+        let wall = if u > 32.0 { 0.5 } else { 0.0 };
+        Observation {
+            u,
+            v,
+            depth: (2.0 + 0.8 * u / 96.0 + 0.5 * v / 72.0 + wall) as f32,
+            sigma: None,
+        }
+    });
+    frame.points = points.collect();
+    let fit = *with_method(FitMethod::Joint).fit_config();
+    let completer = Completer::without_network(fit).unwrap();
+    let [own, of_mirror, best] = frame.completed(&completer).map(|one| one.depth().unwrap());
+    let (low, high) = own.range().unwrap();
+    assert!(high - low > 1.0);
+    let others = mirrored(of_mirror.values(), 96);
+    for (i, own) in own.values().iter().enumerate() {
+        for depth in [others[i], best.values()[i]] {
+            assert!((depth / own - 1.0).abs() < 1e-5, "{i}: {depth} {own}");
+        }
+    }
 }

@@ -70,11 +70,10 @@ impl DescribedDepth {
     }
 }
 
-/// Counts the pixels whose depth was limited to ten times the range of the points.
+/// Counts the pixels of a map of a completion whose depth was limited to ten times the range of the points; at
+/// [`Quality::Best`](lsdc_core::Quality::Best), in either fit.
 pub fn clamped_pixels(completion: &Completion, map: &DepthMap) -> usize {
-    let (low, high) = completion.limits();
-    let depths = map.values().iter();
-    depths.filter(|&&d| d <= low || d >= high).count()
+    completion.clamped_pixels(map)
 }
 
 /// A 16-bit PNG of depths.

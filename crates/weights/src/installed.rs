@@ -74,13 +74,15 @@ impl ResizeLayer {
         let learned = head.remove(LEARNED_LAYER);
         let published = head.remove(RESIZE_LAYER);
         let chosen = match self {
-            Self::Learned => resize_layer().or(learned).or(published),
+            Self::Learned => resize_layer().or(learned),
             Self::Published => published,
         };
-        chosen.ok_or_else(|| {
-            Error::format(path, format!("has no `{RESIZE_LAYER}`")).hint(
+        chosen.ok_or_else(|| match self {
+            Self::Learned => Error::format(path, format!("has no `{LEARNED_LAYER}`"))
+                .hint("a program built with its weights has this tensor"),
+            Self::Published => Error::format(path, format!("has no `{RESIZE_LAYER}`")).hint(
                 "`lsdc weights add FILE` adds it from the published file; only --head published needs it",
-            )
+            ),
         })
     }
 }

@@ -1,7 +1,7 @@
 //! The data that weights were trained on, with the licences that its owners state.
 
 use crate::embedded_with;
-use crate::history::HistoryEntry;
+use crate::history::{HistoryEntry, SourceWeights};
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::sync::LazyLock;
@@ -68,6 +68,9 @@ pub const HEAD_TENSOR: &str = "depth head";
 /// The licence of this tensor.
 pub const HEAD_LICENCE: &str = "MIT OR Apache-2.0";
 
+/// The name of the pretrained encoder that weights may need ([`encoder_of`](crate::encoder_of)).
+const ENCODER: &str = "encoder";
+
 /// Data of the weights of the program.
 #[derive(Deserialize)]
 struct KnownSet {
@@ -101,19 +104,21 @@ pub fn named(weights: &str) -> Vec<TrainingSet> {
 }
 
 /// Returns the data of weights by their contents ([`weights_hash`](crate::weights_hash)) and history, the strictest licence
-/// first: that of the weights of the program that they were made from, and their own, whose licence is not recorded.
-pub fn of(contents: &str, history: &[HistoryEntry]) -> Vec<TrainingSet> {
+/// first: that of the weights of the program that they were made from, that of Depth Anything V2 Small if it taught them or
+/// they need its encoder, and their own, whose licence is not recorded.
+pub fn of(contents: &str, history: &[HistoryEntry], needs_encoder: bool) -> Vec<TrainingSet> {
     let mut sets = Vec::new();
     collect(&mut sets, contents, history);
+    if needs_encoder {
+        add_named(&mut sets, ENCODER);
+    }
     sets.sort_by_key(|set| set.commercial_use);
     sets
 }
 
 fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]) {
     if let Some(weights) = embedded_with(contents) {
-        for set in named(weights.name) {
-            add(sets, set);
-        }
+        add_named(sets, weights.name);
         return;
     }
     // The entries before are those of the weights of the program.
@@ -129,12 +134,19 @@ fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]
             set.calibration_only = entry.command.starts_with("calibrate");
             add(sets, set);
         }
+        // That of a teacher, too.
+        if entry.settings["network"]["extractor"]["encoder"].as_u64() > Some(0) {
+            add_named(sets, ENCODER);
+        }
         for source in &entry.sources {
             let is_known = embedded_with(&source.contents).is_some();
             // The entries before are the history of later starts.
             let has_history = !source.history.is_empty() || (source.role == "start" && index > 0);
             if is_known || has_history {
                 collect(sets, &source.contents, &source.history);
+            } else if is_depth_anything(source) {
+                // Teachers have the learned tensor in their depth head.
+                add_named(sets, HEAD_TENSOR);
             } else {
                 add(
                     sets,
@@ -145,6 +157,12 @@ fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]
     }
 }
 
+/// Whether this is a teacher `depth-anything` or `depth-anything:SIDE`, the name of no file.
+fn is_depth_anything(source: &SourceWeights) -> bool {
+    let name = source.weights.split(':').next();
+    source.role == "teacher" && name == Some("depth-anything")
+}
+
 fn not_recorded(name: String) -> TrainingSet {
     TrainingSet {
         name,
@@ -152,6 +170,13 @@ fn not_recorded(name: String) -> TrainingSet {
         licence: "not stated".to_owned(),
         commercial_use: CommercialUse::Unclear,
         calibration_only: false,
+    }
+}
+
+/// Adds the data of weights of the program, of [`HEAD_TENSOR`] or of [`ENCODER`].
+fn add_named(sets: &mut Vec<TrainingSet>, weights: &str) {
+    for set in named(weights) {
+        add(sets, set);
     }
 }
 
@@ -193,7 +218,6 @@ pub fn summary(sets: &[TrainingSet]) -> String {
 #[cfg(all(test, feature = "weights"))]
 mod tests {
     use super::*;
-    use crate::history::SourceWeights;
     use crate::{embedded, weights_hash};
     use serde_json::{Value, json};
     use std::path::Path;
@@ -233,7 +257,7 @@ mod tests {
         let sets = KNOWN_SETS.iter();
         assert!(sets.clone().map(|set| set.commercial_use).is_sorted());
         let built_in = embedded().iter().map(|weights| weights.name);
-        let all: Vec<&str> = built_in.chain([HEAD_TENSOR]).collect();
+        let all: Vec<&str> = built_in.chain([HEAD_TENSOR, ENCODER]).collect();
         for name in sets.flat_map(|set| set.trained.iter().chain(&set.calibrated)) {
             assert!(all.contains(&name.as_str()), "{name}");
         }
@@ -254,7 +278,8 @@ mod tests {
             assert_eq!(calibrated, weights != "anything", "{weights}");
         }
         for weights in embedded() {
-            let sets = of(&contents(weights.name), &[]);
+            let needs_encoder = weights.read().unwrap().network.extractor.encoder > 0;
+            let sets = of(&contents(weights.name), &[], needs_encoder);
             assert_eq!(sets, named(weights.name));
         }
         assert!(named("huge").is_empty());
@@ -269,7 +294,7 @@ mod tests {
             entry("train", "a garden", start(&contents("anything"))),
             entry("calibrate", "a street", start("0")),
         ];
-        let sets = of("1", &history);
+        let sets = of("1", &history, false);
         assert_eq!(sets.len(), 12 + 2);
         assert!(sets.iter().map(|set| set.commercial_use).is_sorted());
         let find = |name: &str| sets.iter().find(|set| set.name == name).unwrap();
@@ -283,11 +308,64 @@ mod tests {
             source("teacher", "1", history.to_vec()),
             source("backbone", "2", Vec::new()),
         ];
-        let taught = of("3", &[entry("train", "a garden", sources)]);
+        let taught = of("3", &[entry("train", "a garden", sources)], false);
         assert_eq!(taught.len(), 12 + 2 + 1);
         let unclear = names(&taught, CommercialUse::Unclear);
         assert!(unclear.contains(&"backbone `backbone.safetensors`"));
         assert!(unclear.contains(&own));
+    }
+
+    #[test]
+    fn the_data_of_the_encoder_is_that_of_weights_on_it() {
+        let encoder = "Depth Anything V2 Small";
+        assert!(of("1", &[], false).is_empty());
+        assert_eq!(
+            names(&of("1", &[], true), CommercialUse::Unclear),
+            [encoder]
+        );
+
+        // A network that learned from a teacher on the encoder, which started from nothing.
+        let taught_by = |channels: u64| {
+            let network = json!({ "extractor": { "encoder": channels } });
+            let teacher = HistoryEntry {
+                settings: json!({ "network": network }),
+                ..entry("train", "a garden", Vec::new())
+            };
+            let sources = vec![source("teacher", "1", vec![teacher])];
+            of("2", &[entry("train", "a street", sources)], false)
+        };
+        let own = ["10 frames of a street", "10 frames of a garden"];
+        assert_eq!(names(&taught_by(0), CommercialUse::Unclear), own);
+        let sets = taught_by(64);
+        assert_eq!(sets.len(), 3);
+        assert!(names(&sets, CommercialUse::Unclear).contains(&encoder));
+    }
+
+    #[test]
+    fn the_data_of_depth_anything_is_that_of_weights_that_it_taught() {
+        let taught_by = |name: &str| {
+            let teacher = SourceWeights {
+                weights: name.to_owned(),
+                ..source("teacher", "1", Vec::new())
+            };
+            of("2", &[entry("train", "a garden", vec![teacher])], false)
+        };
+        for name in ["depth-anything", "depth-anything:252"] {
+            let sets = taught_by(name);
+            // That of the learned tensor in its head, and the garden.
+            assert_eq!(sets.len(), 19 + 1, "{name}");
+            let excluded = names(&sets, CommercialUse::No);
+            assert_eq!(excluded, names(&named(HEAD_TENSOR), CommercialUse::No));
+            let unclear = names(&sets, CommercialUse::Unclear);
+            assert!(unclear.contains(&"Depth Anything V2 Small"));
+            assert!(sets.iter().all(|set| !set.name.starts_with("teacher")));
+        }
+        // A file.
+        let sets = taught_by("./depth-anything");
+        assert_eq!(
+            names(&sets, CommercialUse::Unclear),
+            ["10 frames of a garden", "teacher `./depth-anything`"]
+        );
     }
 
     #[test]

@@ -155,8 +155,8 @@ pub(in crate::cli) struct Complete {
     pub(in crate::cli) guide: Option<GuideSpec>,
     /// Depth head of --guide depth-anything: learned or published [default: learned].
     ///
-    /// They differ in one tensor. With the learned one, which comes with lsdc, accuracy and standard deviations were
-    /// measured. The published one is that of the installed file, if the file has it.
+    /// They differ in one tensor. Accuracy and standard deviations were measured with the learned one, which comes with
+    /// lsdc. The published one is read from the installed file, which may lack it.
     #[arg(
         long,
         value_parser = head(),

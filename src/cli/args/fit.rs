@@ -32,8 +32,8 @@ pub(in crate::cli) struct FitFlags {
     /// stored with the weights].
     #[arg(long, value_parser = space(), help_heading = "Fit", hide_short_help = true)]
     space: Option<Space>,
-    /// Work that goes into a completion: standard, or best (the mean of the completions of the image and of its mirror
-    /// image, in twice the time).
+    /// Work per completion: standard, or best (the mean of the completions of the image and of its mirror image, in
+    /// twice the time and memory).
     #[arg(long, value_parser = quality(), default_value = "standard", help_heading = "Fit", hide_short_help = true)]
     pub(in crate::cli) quality: Quality,
 }

@@ -65,13 +65,13 @@ pub(in crate::cli) struct Train {
 
 #[derive(Debug, ClapArgs)]
 #[command(
-    after_long_help = "The configuration gives the dataset alone. See docs/own-data.md for details."
+    after_long_help = "Give the frames that the weights were trained on; with --only-errors, or with fewer frames than \
+                       basis functions, frames that they were not. With fewer frames than basis functions, the prior stays \
+                       as it is.\n\nOf a configuration, only the dataset is read. See docs/own-data.md for details."
 )]
 pub(in crate::cli) struct Calibrate {
     #[command(flatten)]
     pub(in crate::cli) settings: Settings,
-    /// The frames that the weights were trained on; with --only-errors, or fewer frames than basis functions, frames that
-    /// they were not.
     #[command(flatten)]
     pub(in crate::cli) source: Source,
     /// Keep the prior and the fit, and learn only how errors are distributed, from frames of any cameras that

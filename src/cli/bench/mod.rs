@@ -3,10 +3,10 @@
 #[cfg(feature = "train")]
 mod training;
 
-use super::args::{Bench, Model, Settings};
-
+use super::args::{Bench, Settings};
 use super::network::{at_quality, open_completer, open_system};
 use super::{Exit, ui};
+use lsdc_core::Quality;
 use lsdc_eval::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split};
 use lsdc_eval::evaluation::{CompletionTimes, median_ms, time, time_deviations};
 use lsdc_eval::predict::{DepthCompleter as _, Method, MonocularGuide, complete_classic};
@@ -26,6 +26,9 @@ struct Setting {
     width: usize,
     height: usize,
     runs: usize,
+    /// If it is not the standard one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quality: Option<Quality>,
 }
 
 /// What completing costs.
@@ -40,7 +43,7 @@ struct Completing {
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     guide_ms: BTreeMap<String, f64>,
     points: usize,
-    /// The most memory that the process has held, where the system tells.
+    /// The most memory that the process has held, where the system tells; with the networks of the guides.
     peak_mb: Option<f64>,
     #[serde(flatten)]
     setting: Setting,
@@ -123,18 +126,21 @@ fn rooms(split: Split, size: Size) -> Result<Rooms> {
     Rooms::new(split, &config)
 }
 
-fn setting(model: &Model, size: Size, runs: usize) -> Setting {
+fn setting(args: &Bench, size: Size) -> Setting {
+    let quality = args.fit.quality;
     Setting {
-        device: model.device.clone(),
+        device: args.model.device.clone(),
         threads: rayon::current_num_threads(),
         instructions: Level::here().name(),
         width: size.width,
         height: size.height,
-        runs,
+        runs: args.runs,
+        quality: (quality != Quality::Standard).then_some(quality),
     }
 }
 
 fn complete(args: &Bench, size: Size) -> Result<Completing> {
+    let guides = open_guides(args)?;
     let weights = args.model.weights.as_deref();
     let completer = open_completer(weights, &args.model.device)?;
     let mut settings = *completer.fit_config();
@@ -151,23 +157,35 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
         // Before standard deviations, which most completions do without.
         peak_mb: peak_memory(),
         deviation_ms: time_deviations(&completer, &frame, &points, args.runs)?,
-        guide_ms: time_guides(args, &frame)?,
+        guide_ms: time_guides(&guides, &frame, args.runs)?,
         points: args.points,
-        setting: setting(&args.model, size, args.runs),
+        setting: setting(args, size),
     })
 }
 
-/// The times of predicting guides.
-fn time_guides(args: &Bench, frame: &Frame) -> Result<BTreeMap<String, f64>> {
+/// The networks that predict guides, by what was chosen.
+fn open_guides(args: &Bench) -> Result<BTreeMap<String, MonocularGuide>> {
     let guides = args.guide.iter().map(|guide| {
         let network = MonocularGuide::open(Some(guide))?.ok_or_else(|| {
             Error::config(format!("the guide `{guide}` is read, not predicted"))
                 .hint("give --guide depth-anything or depth-anything:SIDE")
         })?;
-        let time = median_of(args.runs, || network.predict(&frame.rgb).map(drop))?;
-        Ok((guide.to_string(), time))
+        Ok((guide.to_string(), network))
     });
     guides.collect()
+}
+
+/// The times of predicting guides.
+fn time_guides(
+    guides: &BTreeMap<String, MonocularGuide>,
+    frame: &Frame,
+    runs: usize,
+) -> Result<BTreeMap<String, f64>> {
+    let times = guides.iter().map(|(name, network)| {
+        let time = median_of(runs, || network.predict(&frame.rgb).map(drop))?;
+        Ok((name.clone(), time))
+    });
+    times.collect()
 }
 
 /// The median time of `work` in milliseconds, after one warm-up.
@@ -211,7 +229,7 @@ fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
         total_ms: median_of(args.runs, complete)?,
         points: args.points,
         peak_mb: peak_memory(),
-        setting: setting(&args.model, size, args.runs),
+        setting: setting(args, size),
     };
     let lines = vec![
         work(
@@ -228,8 +246,10 @@ fn is_given(settings: &Settings) -> bool {
 }
 
 fn work(setting: &Setting, what: &str) -> String {
+    let quality = setting.quality.map(Quality::name);
+    let quality = quality.map_or(String::new(), |name| format!(", quality {name}"));
     format!(
-        "machine   {}, {} threads, {}\nwork      {}x{}, {what}, median of {} runs",
+        "machine   {}, {} threads, {}\nwork      {}x{}, {what}{quality}, median of {} runs",
         setting.device,
         setting.threads,
         setting.instructions,

@@ -119,6 +119,6 @@ fn train(args: &Bench) -> Result<Training> {
         step_ms: median_ms(times.into_iter())?,
         batch: config.batch,
         peak_mb: peak_memory(),
-        setting: setting(&args.model, size, args.runs),
+        setting: setting(args, size),
     })
 }

@@ -6,7 +6,7 @@ use crate::cli::args::{Format, Model};
 use crate::cli::network::{at_quality, open_completer, open_guide, open_system};
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
-use lsdc_core::{Completer, Completion, Outlier, Scene};
+use lsdc_core::{Completer, Completion, Outlier, Quality, Scene};
 use lsdc_eval::data::{self, DepthMap, Sparse, Unit};
 use lsdc_eval::predict::{
     Classic, DepthCompleter, Method, MonocularGuide, complete_classic, guided_scene,
@@ -75,6 +75,7 @@ pub(super) struct Completed {
     pub(super) left_empty: Option<LeftEmpty>,
     /// The map before, if pixels were left empty.
     filled: Option<DepthMap>,
+    pub(super) quality: Quality,
     /// The network that predicted the guide, if one did.
     pub(super) guide: Option<String>,
     /// The time that it took.
@@ -226,6 +227,7 @@ impl<'a> Engine<'a> {
             clamped,
             left_empty,
             filled,
+            quality: self.settings.quality,
             guide: self.monocular.as_ref().map(ToString::to_string),
             guide_time,
             diagnostics,

@@ -55,6 +55,9 @@ impl Summary {
             ));
         }
         lines.extend(self.input());
+        if let Some(quality) = self.quality {
+            lines.push(format!("quality   {}", quality.name()));
+        }
         if let Some(fit) = &self.fit {
             lines.extend(of_fit(fit, self.guide.as_deref()));
         }

@@ -4,6 +4,7 @@ use super::frame::{Completed, LeftEmpty};
 use super::loaded::{Loaded, Noise};
 use super::outputs::FormatData;
 use crate::cli::ui::counted;
+use lsdc_core::Quality;
 use lsdc_eval::data::Unit;
 use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit, DescribedPng, DescribedPoints};
 use serde::Serialize;
@@ -29,7 +30,11 @@ pub(super) struct Summary {
     png: Option<DescribedPng>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) cloud: Option<DescribedCloud>,
-    /// The network that predicted the guide, the shorter side of its image, and the hash of its tensors.
+    /// If it is not the standard one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) quality: Option<Quality>,
+    /// The network that predicted the guide, the shorter side of its image, its head if it is the published one, and the
+    /// hash of its tensors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) guide: Option<String>,
     pub(super) fit: Option<DescribedFit>,
@@ -147,6 +152,7 @@ impl Summary {
             color_range: format_data.color_range,
             png: format_data.png,
             cloud: format_data.cloud.as_ref().map(DescribedCloud::from),
+            quality: (found.quality != Quality::Standard).then_some(found.quality),
             guide: found.guide.clone(),
             fit: fit.map(|fit| {
                 DescribedFit::new(

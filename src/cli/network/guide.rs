@@ -5,7 +5,8 @@ use lsdc_eval::predict::{GuideSpec, MonocularGuide, MonocularSpec};
 use lsdc_files::error::Result;
 use lsdc_weights::ResizeLayer;
 
-/// Opens the network that `--guide` names, if it names one, and says in what its guides differ from what is expected.
+/// Opens the network that `--guide` names, if it names one, and prints how its guides differ from those that were
+/// measured.
 pub(in crate::cli) fn open_guide(
     guide: Option<&GuideSpec>,
     device: &str,
@@ -40,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_published_head_and_the_cpu_are_said() {
+    fn the_published_head_and_the_cpu_are_remarked() {
         let said = |layer: ResizeLayer, device: &str| {
             let short_side = 336;
             remarks(MonocularSpec { short_side, layer }, device).join("\n")

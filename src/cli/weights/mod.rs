@@ -113,7 +113,8 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let history = history::read(notes)?;
     let contents = weights_hash(file)?;
     let licence = embedded_with(&contents).map(|weights| weights.licence);
-    let trained_on = training_sets::of(&contents, &history);
+    let needs_encoder = weights.network.extractor.encoder > 0;
+    let trained_on = training_sets::of(&contents, &history, needs_encoder);
     if as_json {
         let value = json!({
             "parameters": weights.parameters(),
@@ -159,6 +160,9 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
 /// The licence of weights, and those of the data that they were trained on.
 fn licences(licence: Option<&str>, trained_on: &[TrainingSet]) {
     ui::print(&format!("licence    {}", licence.unwrap_or("not stated")));
+    if trained_on.is_empty() {
+        ui::print("data       not recorded");
+    }
     for set in trained_on {
         ui::print(&format!("data       {set}"));
     }

@@ -15,7 +15,7 @@ pub(super) fn info(path: &Path, as_json: bool) -> Result<()> {
     let training = training(system.notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(system.notes.get(SCORES_NOTE))?;
     let history = history::read(&system.notes)?;
-    let trained_on = training_sets::of(&system.hash, &history);
+    let trained_on = training_sets::of(&system.hash, &history, false);
     let parameters = system.parameters()?;
     if as_json {
         let value = json!({

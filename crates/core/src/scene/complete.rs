@@ -3,7 +3,7 @@
 use super::Scene;
 use crate::completion::Completion;
 use crate::error::{FitError, Result};
-use crate::fit::{BasisValues, FitMethod, Prior, PriorKind, fit};
+use crate::fit::{BasisValues, EvaluateBasis, FitMethod, PriorKind, fit};
 use crate::observations::Observations;
 use crate::usable::UsableObservations;
 use std::time::Instant;
@@ -91,9 +91,20 @@ impl Scene {
         started: Instant,
     ) -> Result<Completion> {
         let inner = &*self.0;
+        let mut config = *inner.completer.fit_config();
+        let has_prior = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
+        let learned = inner.completer.prior().filter(|_| has_prior);
+        if previous_weights.is_some() && learned.is_none() {
+            return Err(FitError::NearWithoutPrior.into());
+        }
         let (previous_weights, previous_of_mirror) = match (previous_weights, &inner.mirror) {
             (Some(weights), Some(_)) => {
-                let (own, mirrored) = weights.split_at(weights.len() / 2);
+                let count = inner.completer.run(|| inner.count());
+                let (expected, found) = (2 * count, weights.len());
+                if found != expected {
+                    return Err(FitError::OtherWeights { expected, found }.into());
+                }
+                let (own, mirrored) = weights.split_at(count);
                 (Some(own), Some(mirrored))
             }
             (weights, _) => (weights, None),
@@ -103,16 +114,11 @@ impl Scene {
             scene.fitted(mirrored, previous_of_mirror, transient, Instant::now())
         });
         let mirror = mirror.transpose()?;
-        let mut config = *inner.completer.fit_config();
-        let has_prior = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
-        let centred_on: Option<Prior> = match (previous_weights, inner.completer.prior()) {
-            (None, _) => None,
-            (Some(weights), Some(prior)) if has_prior => {
-                config.lambda = config.lambda.times(CLOSER);
-                Some(prior.centred_on(weights, inner.guides() + inner.cosines.len())?)
-            }
-            (Some(_), _) => return Err(FitError::NearWithoutPrior.into()),
-        };
+        let centred_on = previous_weights.zip(learned).map(|(weights, prior)| {
+            config.lambda = config.lambda.times(CLOSER);
+            prior.centred_on(weights, inner.guides() + inner.cosines.len())
+        });
+        let centred_on = centred_on.transpose()?;
         let prior = centred_on.as_ref().or(inner.completer.prior());
         // On a thread of the pool, which need not be awaited for each step.
         let found = inner.completer.run(|| {

@@ -3,6 +3,7 @@
 use super::{Inner, Scene};
 use crate::completer::Completer;
 use crate::depth_guide::DepthGuide;
+use crate::ensemble::Quality;
 use crate::error::{Result, SettingsError};
 use crate::fit::{Affinities, CosineBasis, FitConfig, Robust};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -100,6 +101,17 @@ impl Scene {
             mirror.with_guide(guide.as_ref())
         });
         self.with_settings(completer, guide.cloned(), OnceLock::new(), mirror)
+    }
+
+    /// The same scene at [`Quality::Standard`]: completions are single fits.
+    pub(crate) fn without_mirror(&self) -> Self {
+        let inner = &*self.0;
+        self.with_settings(
+            inner.completer.with_quality(Quality::Standard),
+            inner.depth_guide.clone(),
+            inner.guided_affinities.clone(),
+            None,
+        )
     }
 
     /// The network's output of this scene, for other fits to the same image.

@@ -65,6 +65,7 @@ impl EvalConfig {
         if let Some(preset) = &self.preset {
             ProtocolPreset::named(preset)?;
         }
+        self.protocol.as_ref().map_or(Ok(()), Protocol::check)?;
         if self.seeds == 0 || self.limit == Some(0) {
             return Err(Error::config(
                 "`eval.seeds` and `eval.limit` must be above 0",
@@ -81,5 +82,23 @@ impl EvalConfig {
         (0..self.seeds as u64)
             .map(|i| self.seed.wrapping_add(i))
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_protocol_is_checked() {
+        let of = |pixels| EvalConfig {
+            protocol: Some(Protocol {
+                pixels: Some(pixels),
+                ..Protocol::default()
+            }),
+            ..EvalConfig::default()
+        };
+        assert!(of(50).check().is_ok());
+        assert!(of(0).check().is_err());
     }
 }

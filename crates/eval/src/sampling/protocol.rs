@@ -80,6 +80,22 @@ impl Protocol {
         }
     }
 
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// `pixels` of 0, or beside a size that replaces it.
+    pub fn check(&self) -> Result<()> {
+        if self.pixels == Some(0) {
+            let what = "`protocol.pixels` must be above 0";
+            return Err(Error::config(what).hint("as in `pixels = 69312`, or leave it out"));
+        }
+        if self.pixels.is_some() && self.resize.or(self.crop).is_some() {
+            let what = "`protocol.pixels` has no effect beside `resize` or `crop`";
+            return Err(Error::config(what).hint("leave out `pixels`, or `resize` and `crop`"));
+        }
+        Ok(())
+    }
+
     /// Brings a frame to the protocol's size.
     ///
     /// # Errors
@@ -321,6 +337,7 @@ pub(super) fn per_cent(share: f32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampling::ProtocolPreset;
     use image::RgbImage;
 
     fn frame(width: usize, height: usize, values: Vec<f32>) -> Frame {
@@ -429,6 +446,49 @@ mod tests {
         assert_eq!(Protocol::nyu().sized_as(&wide), Protocol::nyu());
         let text = protocol.to_string();
         assert!(text.contains("about 50 pixels") && text.contains("nearest-measured"));
+    }
+
+    #[test]
+    fn a_number_of_pixels_is_above_0_and_beside_no_other_size() {
+        let of = |pixels| Protocol {
+            pixels: Some(pixels),
+            ..Protocol::default()
+        };
+        let size = Some(Size {
+            height: 2,
+            width: 3,
+        });
+        assert!(of(50).check().is_ok());
+        assert!(
+            Protocol {
+                cut: size,
+                ..of(50)
+            }
+            .check()
+            .is_ok()
+        );
+        assert!(
+            ProtocolPreset::all()
+                .iter()
+                .all(|preset| preset.protocol.check().is_ok())
+        );
+        let resized = Protocol {
+            resize: size,
+            ..of(50)
+        };
+        let cropped = Protocol {
+            crop: size,
+            ..of(50)
+        };
+        for (wrong, what) in [
+            (of(0), "above 0"),
+            (resized, "no effect"),
+            (cropped, "no effect"),
+        ] {
+            let error = wrong.check().unwrap_err();
+            assert!(error.to_string().contains(what), "{error}");
+            assert!(error.advice().is_some());
+        }
     }
 
     #[test]

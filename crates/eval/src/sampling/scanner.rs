@@ -1,7 +1,7 @@
 //! The returns of a spinning laser scanner beside the camera.
 
 use super::Size;
-use crate::data::{Frame, Point};
+use crate::data::{DepthMap, Frame, Point};
 use image::{Pixel as _, Rgb};
 use lsdc_rng::Rng;
 use std::ops::RangeInclusive;
@@ -9,8 +9,8 @@ use std::ops::RangeInclusive;
 /// Numbers of beams of a scanner.
 pub const BEAMS: RangeInclusive<usize> = 4..=128;
 
-/// Horizontal field of view of the camera in degrees, assumed because frames have no intrinsics; KITTI's colour cameras
-/// have 81. Pixels are square, and the optical axis meets the centre of the image.
+/// Horizontal field of view of the camera in degrees, assumed because frames have no intrinsics; the rectified images
+/// of KITTI have 81. Pixels are square, and the optical axis meets the centre of the image.
 const CAMERA: f64 = 80.0;
 /// Degrees from one return of a beam to the next: Velodyne's VLP-16 at ten turns a second.
 const AZIMUTH_STEP: f64 = 0.2;
@@ -18,9 +18,9 @@ const AZIMUTH_STEP: f64 = 0.2;
 const SIDE: f64 = 45.0;
 /// Largest pitch of the scanner relative to the camera, in degrees either way; drawn for each frame.
 const PITCH: f32 = 5.0;
-/// Standard deviation of a range as a share of it: 3 cm at 10 m, the accuracy in Velodyne's data sheets.
+/// Standard deviation of a range as a share of it, near 3 cm at 10 m: chosen, not measured, as are the constants below.
 const NOISE: f32 = 0.003;
-/// Probability that a return of a white pixel is lost: chosen, not measured, as are the constants below.
+/// Probability that a return of a white pixel is lost.
 const LOST_ON_WHITE: f32 = 0.05;
 /// The same of a black pixel.
 const LOST_ON_BLACK: f32 = 0.5;
@@ -29,6 +29,8 @@ const LOST_ON_BLACK: f32 = 0.5;
 const PARALLAX: f32 = 0.02;
 /// A surface that is farther than this times the nearer one is seen past its edge.
 const FARTHER: f32 = 1.1;
+/// Past an edge, inverse depth is below that of the plane before it by more than this share of the edge's.
+const BREAK: f32 = 0.05;
 /// Share of the returns beside an edge that see past it: near the edge, the scanner sees both surfaces.
 const SEEN_PAST: f32 = 0.5;
 
@@ -41,7 +43,8 @@ pub(super) fn returns(frame: &Frame, beams: usize, rng: &mut Rng) -> Vec<Point> 
     let size = Size::of(depth);
     let (pitch, phase) = (rng.range(-PITCH, PITCH), rng.unit());
     let most = PARALLAX * size.width as f32;
-    let (right, down) = (rng.range(-0.5 * most, 0.5 * most), rng.range(-most, 0.0));
+    let parallax = [rng.range(-0.5 * most, 0.5 * most), rng.range(-most, 0.0)];
+    let parallax = parallax.map(|pixels| pixels.round() as isize);
     let found = hits(beams, pitch.into(), phase.into(), size).into_iter();
     let found = found.filter_map(|(x, y)| {
         let here = depth.at(x, y);
@@ -49,10 +52,8 @@ pub(super) fn returns(frame: &Frame, beams: usize, rng: &mut Rng) -> Vec<Point> 
         if rng.chance(lost(colour)) || here == 0.0 {
             return None;
         }
-        let beside = moved(x, right, size.width).zip(moved(y, down, size.height));
-        let beyond = beside.map_or(0.0, |(x, y)| depth.at(x, y));
-        let is_past = beyond > FARTHER * here && rng.chance(SEEN_PAST);
-        let seen = if is_past { beyond } else { here };
+        let beyond = past_edge(depth, (x, y), parallax);
+        let seen = beyond.filter(|_| rng.chance(SEEN_PAST)).unwrap_or(here);
         let depth = seen * (1.0 + NOISE * rng.normal());
         Some(Point { x, y, depth })
     });
@@ -103,19 +104,19 @@ fn elevations(beams: usize) -> Vec<f64> {
     banks.iter().enumerate().flat_map(of_bank).collect()
 }
 
-/// Highest and lowest elevation in each bank of beams in degrees, which all have as many: of the smallest of five
-/// scanners that has so many beams, by its maker's manual.
+/// Highest and lowest nominal elevation in each bank of beams in degrees, which all have as many, of the smallest of
+/// five scanners that has so many beams.
 fn banks(beams: usize) -> &'static [[f64; 2]] {
     match beams {
-        // Quanergy M8.
-        ..=8 => &[[3.0, -17.0]],
+        // Quanergy M8, by its client library; its steps are 2.8 to 3.2 degrees.
+        ..=8 => &[[3.2, -18.25]],
         // Velodyne VLP-16.
         9..=16 => &[[15.0, -15.0]],
         // Velodyne HDL-32E.
         17..=32 => &[[10.67, -30.67]],
         // Velodyne HDL-64E.
         33..=64 => &[[2.0, -8.33], [-8.83, -24.33]],
-        // Ouster OS1-128.
+        // Ouster OS1-128, nominally 45 degrees.
         _ => &[[22.5, -22.5]],
     }
 }
@@ -127,18 +128,24 @@ fn lost(colour: Rgb<u8>) -> f32 {
     LOST_ON_WHITE + (LOST_ON_BLACK - LOST_ON_WHITE) * darkness.powi(4)
 }
 
-/// The pixel this far along an axis, if it is in the image.
-fn moved(at: usize, change: f32, length: usize) -> Option<usize> {
-    let moved = (at as f32 + change).round();
-    (0.0..length as f32)
-        .contains(&moved)
-        .then_some(moved as usize)
+/// The depth this many pixels to the right and down of a known one, if there is an edge between them.
+fn past_edge(depth: &DepthMap, (x, y): (usize, usize), [right, down]: [isize; 2]) -> Option<f32> {
+    let known = |right: isize, down: isize| {
+        let x = x.checked_add_signed(right).filter(|x| *x < depth.width())?;
+        let y = y.checked_add_signed(down).filter(|y| *y < depth.height())?;
+        Some(depth.at(x, y)).filter(|depth| *depth > 0.0)
+    };
+    let (here, beyond) = (depth.at(x, y), known(right, down)?);
+    let opposite = known(-right, -down)?;
+    // Inverse depth is linear on planes: slanted ground has no edges.
+    let of_plane = 2.0 / here - 1.0 / opposite;
+    let is_edge = beyond > FARTHER * here && 1.0 / beyond < of_plane - BREAK / here;
+    is_edge.then_some(beyond)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::DepthMap;
     use image::RgbImage;
 
     const SIZE: Size = Size {
@@ -153,6 +160,14 @@ mod tests {
         Frame::new("wall".into(), rgb, depth).unwrap()
     }
 
+    /// A white image of 320x240 pixels.
+    fn white(depth: impl Fn(usize, usize) -> f32) -> Frame {
+        let depths = (0..320 * 240).map(|i| depth(i % 320, i / 320));
+        let depth = DepthMap::new(320, 240, depths.collect()).unwrap();
+        let rgb = RgbImage::from_pixel(320, 240, Rgb([255; 3]));
+        Frame::new("white".into(), rgb, depth).unwrap()
+    }
+
     #[test]
     fn beams_have_the_elevations_of_their_scanners() {
         let sixteen: Vec<f64> = (0..16).map(|beam| 15.0 - 2.0 * beam as f64).collect();
@@ -162,6 +177,11 @@ mod tests {
         let expected = [(0, 2.0), (1, 1.667), (31, -8.33), (32, -8.83), (33, -9.33)];
         for (beam, elevation) in expected.into_iter().chain([(63, -24.33)]) {
             assert!((found[beam] - elevation).abs() < 1e-3, "{beam}");
+        }
+        // 21.45 degrees by seven steps.
+        for (beam, elevation) in elevations(8).into_iter().enumerate() {
+            let expected = 3.2 - 3.064_286 * beam as f64;
+            assert!((elevation - expected).abs() < 1e-5, "{beam}");
         }
         for beams in BEAMS {
             let found = elevations(beams);
@@ -215,11 +235,7 @@ mod tests {
     #[test]
     fn background_is_seen_past_the_upper_edge_of_what_is_near() {
         let is_near = |x: usize, y: usize| (100..220).contains(&x) && (60..180).contains(&y);
-        let pixels = (0..320 * 240).map(|i| (i % 320, i / 320));
-        let depths = pixels.map(|(x, y)| if is_near(x, y) { 2.0 } else { 10.0 });
-        let depth = DepthMap::new(320, 240, depths.collect()).unwrap();
-        let rgb = RgbImage::from_pixel(320, 240, Rgb([255; 3]));
-        let frame = Frame::new("a".into(), rgb, depth).unwrap();
+        let frame = white(|x, y| if is_near(x, y) { 2.0 } else { 10.0 });
         let (mut past, mut all) = (0, 0);
         for seed in 0..20 {
             let found = returns(&frame, 128, &mut Rng::stream(seed, &[]));
@@ -238,5 +254,45 @@ mod tests {
         // Half of 3.2 x 120 + 1.6 x 120 pixels on average, of some 50,000.
         let share = f64::from(past) / all as f64;
         assert!((0.002..0.02).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn edges_are_breaks_in_inverse_depth() {
+        let past = |depths: [f32; 3], right: isize| {
+            let depth = DepthMap::new(3, 1, depths.to_vec()).unwrap();
+            past_edge(&depth, (1, 0), [right, 0])
+        };
+        // 1 / 2.3 = 0.435 is below 0.5 - 0.025.
+        assert_eq!(past([2.0, 2.0, 2.3], 1), Some(2.3));
+        assert_eq!(past([2.3, 2.0, 2.0], -1), Some(2.3));
+        assert_eq!(past([2.0, 2.0, 2.3], -1), None);
+        // A plane: inverse depths of 0.75, 0.5 and 0.25.
+        assert_eq!(past([4.0 / 3.0, 2.0, 4.0], 1), None);
+        // A wall that begins behind a slope: 0.75, 0.5 and 0.1.
+        assert_eq!(past([4.0 / 3.0, 2.0, 10.0], 1), Some(10.0));
+        assert_eq!(past([0.0, 2.0, 10.0], 1), None);
+        assert_eq!(past([2.0, 2.0, 0.0], 1), None);
+        assert_eq!(past([2.0, 2.0, 10.0], 2), None);
+    }
+
+    #[test]
+    fn ground_is_seen_where_it_is() {
+        // Six rows up, it is up to thirteen times as far; 1.1 times in row 185.
+        let ground = |_: usize, y: usize| -> f32 {
+            if y < 120 {
+                0.0
+            } else {
+                286.0 / (y as f32 - 119.5)
+            }
+        };
+        let frame = white(ground);
+        for seed in 0..20 {
+            let found = returns(&frame, 128, &mut Rng::stream(seed, &[]));
+            assert!(found.len() > 5000, "{}", found.len());
+            for point in found {
+                let error = point.depth / ground(point.x, point.y) - 1.0;
+                assert!(error.abs() < 0.02, "{point:?}");
+            }
+        }
     }
 }

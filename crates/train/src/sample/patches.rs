@@ -26,8 +26,9 @@ pub struct SupervisionConfig {
     pub patches: usize,
     /// Side of a patch in pixels.
     pub patch: usize,
-    /// How the candidates are drawn; those of a pattern that finds fewer than `fewest` are uniform. The first fit to the
-    /// returns of a scanner reads all candidates. Truth is the whole depth of the frame, whatever the pattern.
+    /// How the candidates are drawn; those of a pattern that finds fewer than `fewest` are uniform. The first fit to
+    /// the returns of a scanner reads all candidates, at most `points` of its returns at random. Truth is the whole
+    /// depth of the frame, whatever the pattern.
     #[serde(skip_serializing_if = "PatternShares::is_empty")]
     pub patterns: PatternShares,
 }

@@ -9,8 +9,7 @@ use burn::tensor::Device;
 use image::RgbImage;
 use image::imageops::flip_horizontal;
 use lsdc_core::fit::{
-    CALIBRATION_NODES, FitConfig, FitMethod, ImageMoments, LAMBDA_COUNTS, Lambda, NoisePrior,
-    Prior, PriorKind,
+    FitConfig, FitMethod, ImageMoments, LAMBDA_COUNTS, Lambda, NoisePrior, Prior, PriorKind,
 };
 use lsdc_core::{Completer, Observations, Point, Weights};
 use lsdc_eval::data::{Dataset, DepthMap, Frame};
@@ -39,10 +38,6 @@ const NUMBERS: [(usize, u64); LAMBDA_COUNTS] = [(5, 8), (50, 2), (500, 1)];
 /// Depths of a frame at least: the fewest points are half of them.
 const FEWEST: usize = 2 * NUMBERS[0].0;
 
-/// The shares of errors within intervals of 68.27 and 95.45 %, on scenes or frames left out ([`Scenes::unit`]), for each of
-/// [`NUMBERS`](super::error_calibration::NUMBERS).
-pub type IntervalCoverage = [(f64, f64); CALIBRATION_NODES];
-
 /// Learns the prior over weights from the frames that `config` trained on (1,000 of them at most) and their
 /// mirror images, the strength of the noise and the scale of standard deviations from those that it held out (from all, if it held out
 /// none; 1,000 at most), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
@@ -61,7 +56,7 @@ pub fn calibrate(
     config: &TrainConfig,
     device: &Device,
     progress: impl Fn(usize, usize) + Sync,
-) -> Result<Option<IntervalCoverage>> {
+) -> Result<Option<ErrorCalibration>> {
     let (mut training, mut held_out) = config.divide(frames)?;
     if held_out.is_empty() {
         held_out.clone_from(&training);
@@ -175,7 +170,7 @@ pub fn calibrate(
         let scenes = Scenes::of(frames, config.scenes.as_deref())?;
         let ignore = |_: usize, _: usize| {};
         let learned = learn_errors(weights, frames, &held_out, &scenes, config, device, ignore)?;
-        return Ok(learned.coverage);
+        return Ok(Some(learned));
     }
     Ok(None)
 }

@@ -207,9 +207,7 @@ impl TrainConfig {
                 "`train.learning_rate` must be above 0 and `weight_decay` at least 0",
             ));
         }
-        if self.protocol.pixels == Some(0) {
-            return Err(Error::config("`train.protocol.pixels` must be above 0"));
-        }
+        self.protocol.check()?;
         if !(self.backbone.rate >= 0.0 && self.backbone.rate.is_finite()) {
             return Err(Error::config("`train.backbone.rate` must be at least 0"));
         }
@@ -246,5 +244,30 @@ impl TrainConfig {
         self.supervision.check()?;
         self.robust.as_ref().map_or(Ok(()), Reweighting::check)?;
         self.loss.check()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_protocol_is_checked() {
+        let of = |protocol| TrainConfig {
+            protocol,
+            ..TrainConfig::default()
+        };
+        assert!(of(Protocol::nyu()).check().is_ok());
+        let pixels = Some(50);
+        let own = Protocol {
+            pixels,
+            ..Protocol::default()
+        };
+        assert!(of(own).check().is_ok());
+        let ignored = Protocol {
+            pixels,
+            ..Protocol::nyu()
+        };
+        assert!(of(ignored).check().is_err());
     }
 }

@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Numbers of points at which the distribution is learned.
 pub const NUMBERS: [usize; CALIBRATION_NODES] = [5, 50, 500, 5000];
+/// The largest of them.
 const MOST: usize = NUMBERS[CALIBRATION_NODES - 1];
 /// Frames that it is learned from at most.
 const FRAMES: usize = 80;
@@ -30,6 +31,10 @@ pub struct ErrorCalibration {
     /// For each of [`NUMBERS`], the share of errors within intervals of 68.27 and 95.45 %, with exponents
     /// learned from other [scenes](Scenes::unit); `None` for a single scene.
     pub coverage: Option<[(f64, f64); CALIBRATION_NODES]>,
+    /// The number of frames that it was learned from.
+    pub frames: usize,
+    /// How many of these have so few depths that half of them were given instead of the largest of [`NUMBERS`].
+    pub halved: usize,
 }
 
 /// The errors of one frame, for each number of points.
@@ -66,10 +71,6 @@ pub(super) fn error_calibration(
             Ok((scenes.name(index), errors))
         })
         .collect::<Result<_>>()?;
-    let (halved, count) = (halved.into_inner(), chosen.len());
-    if halved > 0 {
-        tracing::info!("of {halved} of {count} frames half of the depths are given, not {MOST}");
-    }
     let learned = |wanted: &dyn Fn(&str) -> bool| -> Option<ErrorModel> {
         let mut knots = Vec::new();
         for (i, number) in NUMBERS.into_iter().enumerate() {
@@ -109,6 +110,8 @@ pub(super) fn error_calibration(
     Ok(ErrorCalibration {
         model,
         coverage: measured.then(|| counts.map(share)),
+        frames: chosen.len(),
+        halved: halved.into_inner(),
     })
 }
 

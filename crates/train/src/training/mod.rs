@@ -27,7 +27,7 @@ mod step;
 mod truth;
 
 pub use basis_functions::BasisFunctions;
-pub use calibrate::{IntervalCoverage, calibrate, keeps_prior, learn_errors};
+pub use calibrate::{calibrate, keeps_prior, learn_errors};
 pub use compare::Losses;
 pub use config::{BackboneTraining, HeldOutUnit, OptimiserKind, TrainConfig, TrainedPart};
 pub use distillation::{DistillTarget, TeacherConfig, TeacherOutput};

@@ -197,7 +197,11 @@ impl Dataset for DistilledDataset {
     fn load(&self, index: usize) -> Result<Frame> {
         let frame = self.frames.load(index)?;
         let scaled = self.protocol.scale(&frame)?;
-        self.teacher.distilled(scaled, &frame.rgb)
+        let uncut = Protocol {
+            cut: self.protocol.cut,
+            ..Protocol::default()
+        };
+        self.teacher.distilled(scaled, &uncut.scale(&frame)?.rgb)
     }
 }
 
@@ -247,7 +251,7 @@ impl Teacher {
         let (depths, deviations) = match &self.network {
             TeacherNetwork::Completer(completer) => self.completed(completer, &frame)?,
             TeacherNetwork::Monocular(network) => {
-                self.monocular(network, photograph, Size::of(&frame.depth))?
+                self.monocular(network, &frame.id, photograph, Size::of(&frame.depth))?
             }
         };
         let measured = frame.depth.values();
@@ -296,6 +300,7 @@ impl Teacher {
     fn monocular(
         &self,
         network: &MonocularGuide,
+        id: &FrameId,
         photograph: &RgbImage,
         size: Size,
     ) -> Result<(Vec<f32>, Vec<f32>)> {
@@ -307,7 +312,9 @@ impl Teacher {
         ]);
         let pixels = size.width * size.height;
         let inverse = self.cache.get(key, pixels, || {
-            let map = network.inverse_depth(photograph)?;
+            let map = network
+                .inverse_depth(photograph)
+                .map_err(|e| located(id, e))?;
             let map = resize_depth(&map, size, Interpolation::PilBilinear)?;
             Ok(map.values().to_vec())
         })?;
@@ -318,7 +325,8 @@ impl Teacher {
         } = relative_depths(&inverse, &mut rng);
         let known = depths.iter().filter(|depth| **depth > 0.0);
         let (count, sum) = known.fold((0, 0.0), |(n, sum), &d| (n + 1, sum + f64::from(d)));
-        let mean = (sum / f64::from(count.max(1))) as f32;
+        // Above 0 where there is nothing but sky.
+        let mean = ((sum / f64::from(count.max(1))) as f32).max(f32::MIN_POSITIVE);
         let values = depths.iter_mut().chain(&mut deviations);
         values.for_each(|value| *value /= mean);
         Ok((depths, deviations))
@@ -349,10 +357,7 @@ fn compute(completer: &Completer, frame: &Frame, points: &DepthMap) -> Result<Ve
     } else {
         points
     };
-    let located = |e: Error| {
-        let what = format!("the teacher cannot complete frame `{}`", frame.id);
-        Error::new(e.cause(), what).because(e)
-    };
+    let located = |e| located(&frame.id, e);
     let found = complete(completer, &frame.rgb, observed).map_err(located)?;
     let deviation = found.standard_deviation().map_err(|e| located(e.into()))?;
     let depth = found.depth()?;
@@ -365,6 +370,12 @@ fn compute(completer: &Completer, frame: &Frame, points: &DepthMap) -> Result<Ve
         }
     }
     Ok(values)
+}
+
+/// An error of the teacher on a frame.
+fn located(id: &FrameId, e: Error) -> Error {
+    let what = format!("the teacher cannot complete frame `{id}`");
+    Error::new(e.cause(), what).because(e)
 }
 
 #[cfg(test)]

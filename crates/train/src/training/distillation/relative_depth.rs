@@ -10,6 +10,15 @@ pub(super) struct RelativeDepths {
     pub deviations: Vec<f32>,
 }
 
+impl RelativeDepths {
+    fn none(count: usize) -> Self {
+        Self {
+            depths: vec![0.0; count],
+            deviations: vec![0.0; count],
+        }
+    }
+}
+
 /// The share of the nearest inverse depths, which 95 % are below, below which an image shows sky.
 const SKY: f32 = 0.01;
 /// An image shows sky if so much of it does.
@@ -27,8 +36,12 @@ const DEVIATION: f32 = 0.02;
 pub(super) fn relative_depths(inverse: &[f32], rng: &mut Rng) -> RelativeDepths {
     let mut sorted = inverse.to_vec();
     sorted.sort_unstable_by(f32::total_cmp);
-    let nearest = sorted.get(sorted.len() * 95 / 100).copied();
-    let nearest = nearest.unwrap_or_default().max(f32::MIN_POSITIVE);
+    // Of what is not infinitely far: there may be little below a wide sky.
+    let finite = sorted.partition_point(|value| *value <= 0.0);
+    let nearest = sorted.get(finite + (sorted.len() - finite) * 95 / 100);
+    let Some(&nearest) = nearest else {
+        return RelativeDepths::none(inverse.len());
+    };
     let is_sky = |value: f32| value < SKY * nearest;
     let sky = sorted.iter().take_while(|value| is_sky(**value)).count();
     let has_sky = sky as f32 > SKY_AREA * inverse.len() as f32;
@@ -72,6 +85,17 @@ mod tests {
             assert!((depths[i] - expected).abs() < 1e-6, "{i}: {}", depths[i]);
             assert!((deviations[i] - 0.02 * expected * expected).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn little_below_a_wide_sky_keeps_its_depth() {
+        let mut inverse = vec![0.0; 100];
+        let of = |inverse: &[f32]| relative_depths(inverse, &mut Rng::stream(1, &["shift"]));
+        assert_eq!(of(&inverse), RelativeDepths::none(100));
+        inverse[99] = 2.0;
+        let depths = of(&inverse).depths;
+        assert!((depths[99] - 1.035_f32.recip()).abs() < 1e-6);
+        assert!(depths[..99].iter().all(|depth| *depth == 0.0));
     }
 
     #[test]
