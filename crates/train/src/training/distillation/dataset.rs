@@ -215,15 +215,14 @@ struct Teacher {
 
 impl Teacher {
     fn new(config: &TeacherConfig) -> Result<Self> {
-        let network = match config.monocular()? {
-            Some(network) => TeacherNetwork::Monocular(network),
-            None => {
-                // Run by the threads that load frames, whatever the device of the training.
-                let weights = open_weights(Some(&config.weights))?;
-                let completer = completer(&weights, &Device::flex())?;
-                let fit = config.fit.over(completer.fit_config())?;
-                TeacherNetwork::Completer(Box::new(completer.with_fit(fit)))
-            }
+        let network = if let Some(network) = config.monocular()? {
+            TeacherNetwork::Monocular(network)
+        } else {
+            // Run by the threads that load frames, whatever the device of the training.
+            let weights = open_weights(Some(&config.weights))?;
+            let completer = completer(&weights, &Device::flex())?;
+            let fit = config.fit.over(completer.fit_config())?;
+            TeacherNetwork::Completer(Box::new(completer.with_fit(fit)))
         };
         Ok(Self {
             network,
