@@ -248,6 +248,7 @@ mod tests {
         }
     }
 
+    #[allow(clippy::unwrap_used)]
     fn contents(name: &str) -> String {
         weights_hash(Some(Path::new(name))).unwrap()
     }
