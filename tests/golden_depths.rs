@@ -44,11 +44,11 @@ const TOLERANCE: f32 = 2e-5;
 /// The same of the losses of a training, each of whose steps starts from the rounding of the ones before: up to 2.4e-5.
 const TOLERANCE_TRAINED: f32 = 5e-5;
 /// The same without fused multiply-add, where every product is rounded before it is added, in all layers of the network:
-/// all but two of 131 results then differ by less than 1e-5, and these by up to 1.2e-5 (the fit without a prior, which is
-/// ill-conditioned, and the plain fit to outliers).
+/// all but three of 134 results then differ by less than 1.2e-5 (the fit without a prior, and leave-one-out errors).
 const TOLERANCE_PORTABLE: f32 = 3e-5;
 /// A leave-one-out error is a residual over 1 - leverage, which multiplies what the residual is rounded by: without fused
-/// multiply-add, two of them differ by 3.1e-5 and 4.6e-5, and no depth by more than above.
+/// multiply-add, two of them differ by 3.1e-5 and 4.6e-5. The fit without a prior is ill-conditioned: one differs by 4.6e-5.
+/// No other depth differs by more than above.
 const MULTIPLIED: f32 = 2.0;
 /// Columns and rows of the grids.
 const GRID: (usize, usize) = (24, 18);
@@ -179,7 +179,8 @@ fn of_network(results: &mut Results, name: &str, completer: &Completer, input: &
     let Input { frame, points, .. } = input;
     let (low, high) = frame.depth.range().unwrap();
     let mut add = |what: &str, values: Vec<f32>| {
-        let multiplied = if what == "left out" { MULTIPLIED } else { 1.0 };
+        let ill_conditioned = ["left out", "paper"].contains(&what);
+        let multiplied = if ill_conditioned { MULTIPLIED } else { 1.0 };
         let tolerance = multiplied * TOLERANCE * (high - low);
         let old = results.insert(
             format!("{name}/{}/{what}", input.name),

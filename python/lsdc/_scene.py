@@ -123,9 +123,9 @@ class Scene(Unpicklable):
     def alignment(self, sparse: Sparse, *, unit: Unit | None = None) -> Alignment:
         """Tests whether points lie where the image shows them, which wrong extrinsics or time stamps prevent.
 
-        The points (at most 2000 of them) are predicted from each other where they are, and moved by 32 shifts of up to a
+        The points (at most 2000 of them) are predicted from each other where they are, and moved by 40 shifts of up to a
         twentieth of the width of the image. One image hardly ever tells, so add the evidence of the first five to ten
-        frames of a recording. Each takes as long as some 33 fits. `sparse` and `unit` are those of `complete`. Fewer than
+        frames of a recording. Each takes as long as some 41 fits. `sparse` and `unit` are those of `complete`. Fewer than
         100 points that are not near the border are no evidence.
 
         >>> completer, alignment = lsdc.Completer("small"), lsdc.Alignment()

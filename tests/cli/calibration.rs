@@ -6,13 +6,13 @@ use lsdc_recordings::{Header, MessageTimes, MessageType, Writer, write_cloud};
 
 const WARNING: &str = "the points fit the image better moved by";
 
-/// The depths of the room, moved to the right.
-fn moved(at: &Path, columns: usize) {
+/// Every fifth depth of the room, other ones in each of five frames, moved to the right.
+fn moved(at: &Path, frame: usize, columns: usize) {
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
     let (width, height) = (truth.width(), truth.height());
     let depth = |i: usize| match (i % width).checked_sub(columns) {
-        Some(x) => truth.values()[i / width * width + x],
-        None => 0.0,
+        Some(x) if i % 5 == frame => truth.values()[i / width * width + x],
+        _ => 0.0,
     };
     let values = (0..width * height).map(depth).collect();
     write_npy(at, &DepthMap::new(width, height, values).unwrap()).unwrap();
@@ -33,7 +33,7 @@ fn sequence(columns: usize) -> tempfile::TempDir {
     }
     for frame in 0..5 {
         std::fs::copy(asset("rgb.png"), at.join(format!("images/{frame}.png"))).unwrap();
-        moved(&at.join(format!("points/{frame}.npy")), columns);
+        moved(&at.join(format!("points/{frame}.npy")), frame, columns);
     }
     folder
 }

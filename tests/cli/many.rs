@@ -159,6 +159,8 @@ fn every_image_of_a_colmap_model_is_completed() {
 }
 
 /// Frames of a video: the same image, other points.
+const FRAMES: usize = 24;
+
 #[test]
 fn a_video_goes_on_where_it_stopped() {
     let folder = room();
@@ -168,12 +170,12 @@ fn a_video_goes_on_where_it_stopped() {
         std::fs::create_dir(at(part)).unwrap();
     }
     let all: Vec<_> = sparse.points().collect();
-    for frame in 0..6 {
-        let image = at(&format!("images/{frame}.png"));
+    for frame in 0..FRAMES {
+        let image = at(&format!("images/{frame:02}.png"));
         std::fs::copy(at("rgb.png"), image).unwrap();
         let few: Vec<_> = all.iter().skip(frame * 8).take(8).copied().collect();
         let few = DepthMap::from_points(sparse.width(), sparse.height(), &few);
-        write_npy(&at(&format!("points/{frame}.npy")), &few).unwrap();
+        write_npy(&at(&format!("points/{frame:02}.npy")), &few).unwrap();
     }
     let run = |out: &str, more: &[&str]| {
         let args = [
@@ -186,7 +188,8 @@ fn a_video_goes_on_where_it_stopped() {
             "npy",
         ];
         lsdc(folder.path()).args(args).args(more).assert().success();
-        [0, 1, 2, 3, 4, 5].map(|i| read_npy(&at(&format!("{out}/{i}_depth.npy")), 1.0).unwrap())
+        let depth = |i| read_npy(&at(&format!("{out}/{i:02}_depth.npy")), 1.0).unwrap();
+        (0..FRAMES).map(depth).collect::<Vec<_>>()
     };
     let alone = run("alone", &[]);
     let chain = run("chain", &["--temporal"]);
@@ -196,12 +199,12 @@ fn a_video_goes_on_where_it_stopped() {
         pairs.map(|(a, b)| (a - b).abs()).sum()
     };
     let flicker = |video: &[DepthMap]| video.array_windows().map(apart).sum::<f32>();
-    assert!(flicker(&chain) < 0.95 * flicker(&alone));
+    assert!(flicker(&chain) < 0.9 * flicker(&alone));
 
     // Results and nothing else; what a run resumes from is hidden.
-    let expected: Vec<_> = (0..6).map(|i| format!("{i}_depth.npy")).collect();
+    let expected: Vec<_> = (0..FRAMES).map(|i| format!("{i:02}_depth.npy")).collect();
     assert_eq!(names(&at("chain")), expected);
-    for name in ["1_depth.npy", ".lsdc/1.png.weights.json", "2_depth.npy"] {
+    for name in ["01_depth.npy", ".lsdc/01.png.weights.json", "02_depth.npy"] {
         std::fs::remove_file(at("chain").join(name)).unwrap();
     }
     assert_eq!(run("chain", &["--temporal"]), chain);

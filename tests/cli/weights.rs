@@ -84,7 +84,8 @@ fn licences_of_training_data_are_stated() {
     assert!(
         below("default ")[0].starts_with(
             "          trained on non-commercial data: RGB-D-D, Replica, GQ-CNN examples, SUN database, \
-             KITTI (calibration only); data without a clear licence: NYU Depth v2, "
+             BSDS500, ImageNet samples, KITTI (calibration only), nuScenes (calibration only); data without a \
+             clear licence: NYU Depth v2, "
         ),
         "{list}"
     );
@@ -114,11 +115,11 @@ fn licences_of_training_data_are_stated() {
     let (default, own) = (json("default"), json("own.safetensors"));
     assert_eq!(default["licence"], "Apache-2.0");
     let sets = default["trained_on"].as_array().unwrap();
-    assert_eq!(sets.len(), 18);
+    assert_eq!(sets.len(), 23);
     assert_eq!(sets[0]["name"], "RGB-D-D");
     assert_eq!(sets[0]["commercial_use"], "no");
-    assert_eq!(sets[4]["licence"], "CC BY-NC-SA 3.0");
-    assert_eq!(sets[4]["calibration_only"], true);
+    assert_eq!(sets[6]["licence"], "CC BY-NC-SA 3.0");
+    assert_eq!(sets[6]["calibration_only"], true);
     // Weights that were made from them were trained on the same.
     assert_eq!(own["licence"], serde_json::Value::Null);
     assert_eq!(own["trained_on"], default["trained_on"]);

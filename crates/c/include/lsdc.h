@@ -536,7 +536,7 @@ lsdc_status lsdc_completion_outliers(const struct lsdc_completion *completion,
 lsdc_status lsdc_completion_free(struct lsdc_completion *completion);
 
 /// Tests whether points lie where the image of a scene shows them: predicts them from each other (at most 2000 of
-/// them) where they are, and moved by 32 shifts of up to a twentieth of the width of the image. It takes as long as some 33
+/// them) where they are, and moved by 40 shifts of up to a twentieth of the width of the image. It takes as long as some 41
 /// fits, and one image hardly ever tells: pool the first five to ten frames of a recording by passing the alignment so
 /// far as `before`, which may be null. Fewer than 100 points that are not near the border are no evidence, and no error.
 /// `*alignment` becomes a handle to be freed with `lsdc_alignment_free`, or null if the call fails.

@@ -8,7 +8,7 @@ use crate::usable::UsableObservations;
 use std::fmt::{Display, Formatter};
 
 /// Lengths of the shifts that are tried, in pixels of an image of `AREA` pixels.
-const LENGTHS: [f64; 4] = [2.0, 4.0, 8.0, FARTHEST];
+const LENGTHS: [f64; 5] = [2.0, 4.0, 8.0, 12.0, FARTHEST];
 const FARTHEST: f64 = 16.0;
 const AREA: f64 = 304.0 * 228.0;
 const DIRECTIONS: [[f64; 2]; 8] = {
@@ -27,7 +27,7 @@ const DIRECTIONS: [[f64; 2]; 8] = {
 
 /// The evidence of one or more frames for a shift between points and image, as wrong extrinsics or time stamps cause.
 ///
-/// The points are predicted from each other (leave-one-out, basis functions alone) where they are and moved by 32 shifts of
+/// The points are predicted from each other (leave-one-out, basis functions alone) where they are and moved by 40 shifts of
 /// up to a twentieth of the width of the image ([`Comparison`]).
 ///
 /// Frames are pooled by [`Self::add`]: a shift of a whole sequence is found before it is clear in any one frame.
@@ -83,7 +83,7 @@ impl Display for Shift {
 }
 
 impl Scene {
-    /// Tests whether the observations lie where the image shows them, by 33 fits to at most 2000 of them: for the first
+    /// Tests whether the observations lie where the image shows them, by 41 fits to at most 2000 of them: for the first
     /// frames of a robot or a recording rather than for each.
     ///
     /// Observations nearer to the border than the longest shift are left out. Fewer than 100 others are no evidence.

@@ -265,7 +265,11 @@ mod tests {
         // Counted by hand in the lists of frames that the weights were trained on.
         let indoors = "RGB-D-D, Replica, GQ-CNN examples";
         for (weights, count, others) in [
-            ("default", 18, ", SUN database, KITTI"),
+            (
+                "default",
+                23,
+                ", SUN database, BSDS500, ImageNet samples, KITTI, nuScenes",
+            ),
             ("small", 18, ", SUN database, KITTI"),
             ("anything", 12, ""),
             (HEAD_TENSOR, 19, ", SUN database, KITTI, nuScenes"),
