@@ -406,7 +406,7 @@ fn write(golden: &BTreeMap<String, Vec<f32>>) {
 fn allowance() -> f32 {
     match Level::here() {
         Level::Portable => TOLERANCE_PORTABLE / TOLERANCE,
-        Level::Avx2 | Level::Avx512 => 1.0,
+        Level::Neon | Level::Avx2 | Level::Avx512 => 1.0,
     }
 }
 

@@ -148,9 +148,11 @@ impl<'a> CompleterBuilder<'a> {
     /// Builds the completer.
     ///
     /// # Errors
-    /// Weights that do not match their network, settings that are out of range, or threads that cannot be
-    /// started.
+    /// Weights that do not match their network, settings that are out of range, threads that cannot be started, or an
+    /// environment variable `LSDC_SIMD` that names an instruction set that this processor does not have.
     pub fn build(self) -> Result<Completer> {
+        let level = Level::selected()
+            .map_err(|error| SettingsError::new(error.to_string()).with_hint(error.hint()))?;
         let pool = match (self.pool, self.threads) {
             (Some(pool), _) => Some(pool),
             (None, None) => None,
@@ -160,7 +162,7 @@ impl<'a> CompleterBuilder<'a> {
         let encoder = self.encoder;
         let prepare = || {
             let tensors = &weights.tensors;
-            CpuNetwork::new(&weights.network, tensors, encoder, Level::here())
+            CpuNetwork::new(&weights.network, tensors, encoder, level)
         };
         let network: Arc<dyn Network> = match (self.network, &pool) {
             (Some(network), _) => network,

@@ -8,6 +8,7 @@ use lsdc_core::{
     Camera, Channels, Cloud, Completer, DepthMap, Error, FitError, Image, Lens, Observation,
     Observations, Scene, Weights,
 };
+use std::process::Command;
 use std::sync::{Arc, LazyLock};
 
 static COMPLETER: LazyLock<Completer> =
@@ -601,6 +602,25 @@ fn a_pool_of_millions_of_threads_is_refused() {
         .build()
         .unwrap_err();
     assert!(matches!(error, Error::Settings(_)), "{error}");
+}
+
+#[test]
+fn an_instruction_set_that_the_processor_lacks_is_refused() {
+    // It is read once in a process.
+    if std::env::var("LSDC_SIMD").as_deref() != Ok("sse") {
+        let name = "an_instruction_set_that_the_processor_lacks_is_refused";
+        let run = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", name])
+            .env("LSDC_SIMD", "sse")
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&run.stdout);
+        assert!(run.status.success() && text.contains("1 passed"), "{text}");
+        return;
+    }
+    let error = Completer::new(&Weights::builtin_small()).unwrap_err();
+    assert!(error.to_string().ends_with(": `sse`"), "{error}");
+    assert!(error.hint().unwrap().contains("`portable`"));
 }
 
 #[test]

@@ -218,7 +218,7 @@ unsafe fn bands<D: Doubles, const C: usize>(
     let mut row = 0;
     // SAFETY: as demanded from the caller.
     unsafe {
-        while rows - row >= 3 * D::LANES {
+        while D::ROWS >= 3 && rows - row >= 3 * D::LANES {
             tile::<D, 3, C>(target.add(row), stride, a.part(row, 0), b, depth);
             row += 3 * D::LANES;
         }

@@ -7,6 +7,8 @@
 pub(crate) trait Doubles: Copy {
     /// Values in a vector: 4 or 8.
     const LANES: usize;
+    /// Rows of vectors, at most 3, that fit the registers with four columns of sums, or eight of longer vectors.
+    const ROWS: usize = 3;
 
     unsafe fn load(from: *const f64) -> Self;
     unsafe fn store(self, to: *mut f64);

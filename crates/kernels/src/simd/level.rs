@@ -1,13 +1,19 @@
 //! Instruction sets of this processor.
 
 use super::{Kernel, Portable, Vector};
+use std::fmt;
 use std::sync::OnceLock;
+
+/// The environment variable that names a level.
+const VARIABLE: &str = "LSDC_SIMD";
 
 /// An instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// Plain arrays, as the compiler vectorises them.
     Portable,
+    /// 8 lanes in two registers, with fused multiply-add: every 64-bit Arm processor.
+    Neon,
     /// 8 lanes, with fused multiply-add.
     Avx2,
     /// 16 lanes.
@@ -16,12 +22,13 @@ pub enum Level {
 
 impl Level {
     /// All levels, slowest first.
-    pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
+    pub const ALL: [Self; 4] = [Self::Portable, Self::Neon, Self::Avx2, Self::Avx512];
 
     /// The name, as the environment variable `LSDC_SIMD` has it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Portable => "portable",
+            Self::Neon => "neon",
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
         }
@@ -32,21 +39,62 @@ impl Level {
         Self::ALL.into_iter().filter(|level| level.is_available())
     }
 
-    /// The fastest that this processor has, or the one that `LSDC_SIMD` names if it has that.
+    /// The level that the environment variable `LSDC_SIMD` names; if it is unset, the fastest that this processor has.
+    /// That is also the level if the named one is missing, which [`Self::selected`] returns as an error.
     pub fn here() -> Self {
-        static LEVEL: OnceLock<Level> = OnceLock::new();
-        *LEVEL.get_or_init(|| {
-            let name = std::env::var("LSDC_SIMD").unwrap_or_default();
-            let named = Self::available().find(|level| level.name() == name);
-            let fastest = Self::available().next_back();
-            named.or(fastest).unwrap_or(Self::Portable)
+        match Self::choice() {
+            Ok(level) => *level,
+            Err(_) => Self::fastest(),
+        }
+    }
+
+    /// The level of [`Self::here`], as `LSDC_SIMD` is when it is first read.
+    ///
+    /// # Errors
+    /// `LSDC_SIMD` names a level that does not exist, or that this processor lacks. An empty name counts as unset.
+    ///
+    /// ```
+    /// use lsdc_kernels::simd::Level;
+    /// match Level::selected() {
+    ///     Ok(level) => assert!(level.is_available()),
+    ///     Err(error) => assert!(error.hint().contains("`portable`")),
+    /// }
+    /// ```
+    pub fn selected() -> Result<Self, UnavailableLevel> {
+        Self::choice().clone()
+    }
+
+    fn choice() -> &'static Result<Self, UnavailableLevel> {
+        static CHOICE: OnceLock<Result<Level, UnavailableLevel>> = OnceLock::new();
+        CHOICE.get_or_init(|| {
+            let name = std::env::var_os(VARIABLE).unwrap_or_default();
+            Self::named(&name.to_string_lossy())
         })
+    }
+
+    /// The available level of that name; without a name, the fastest.
+    fn named(name: &str) -> Result<Self, UnavailableLevel> {
+        if name.is_empty() {
+            return Ok(Self::fastest());
+        }
+        let level = Self::available().find(|level| level.name() == name);
+        level.ok_or_else(|| UnavailableLevel {
+            name: name.to_owned(),
+        })
+    }
+
+    fn fastest() -> Self {
+        Self::available().next_back().unwrap_or(Self::Portable)
     }
 
     /// Whether this processor has it.
     pub fn is_available(self) -> bool {
         match self {
             Self::Portable => true,
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => std::arch::is_aarch64_feature_detected!("neon"),
+            #[cfg(not(target_arch = "aarch64"))]
+            Self::Neon => false,
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
             #[cfg(target_arch = "x86_64")]
@@ -59,7 +107,7 @@ impl Level {
     /// Floats in a vector.
     pub(crate) fn lanes(self) -> usize {
         match self {
-            Self::Portable | Self::Avx2 => 8,
+            Self::Portable | Self::Neon | Self::Avx2 => 8,
             Self::Avx512 => 16,
         }
     }
@@ -92,11 +140,41 @@ impl Level {
                 Self::Avx512 => super::x86::avx512(kernel),
                 #[cfg(target_arch = "x86_64")]
                 Self::Avx2 => super::x86::avx2(kernel),
+                #[cfg(target_arch = "aarch64")]
+                Self::Neon => super::aarch64::neon(kernel),
                 _ => kernel.run::<Portable>(),
             }
         }
     }
 }
+
+/// `LSDC_SIMD` names an instruction set that this processor does not have.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnavailableLevel {
+    name: String,
+}
+
+impl UnavailableLevel {
+    /// What to do.
+    pub fn hint(&self) -> String {
+        let names: Vec<_> = Level::available()
+            .map(|level| format!("`{}`", level.name()))
+            .collect();
+        format!("unset `{VARIABLE}`, or set it to {}", names.join(" or "))
+    }
+}
+
+impl fmt::Display for UnavailableLevel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = &self.name;
+        write!(
+            f,
+            "`{VARIABLE}` names an instruction set that this processor does not have: `{name}`"
+        )
+    }
+}
+
+impl std::error::Error for UnavailableLevel {}
 
 /// Code that names no vector.
 struct Plain<F>(F);
@@ -107,5 +185,40 @@ impl<T, F: FnOnce() -> T> Kernel for Plain<F> {
     #[inline(always)]
     unsafe fn run<V: Vector>(self) -> T {
         (self.0)()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_found_by_name() {
+        for level in Level::available() {
+            assert_eq!(Level::named(level.name()), Ok(level));
+        }
+        assert_eq!(Level::named(""), Ok(Level::fastest()));
+    }
+
+    #[test]
+    fn levels_that_the_processor_lacks_are_errors() {
+        let lacking = Level::ALL.into_iter().filter(|level| !level.is_available());
+        for name in lacking.map(Level::name).chain(["sse", "NEON"]) {
+            let error = Level::named(name).unwrap_err();
+            assert!(
+                error.to_string().ends_with(&format!(": `{name}`")),
+                "{error}"
+            );
+            assert!(!error.hint().contains(&format!("`{name}`")));
+        }
+    }
+
+    /// An architecture has its own levels, and no others.
+    #[test]
+    fn every_64_bit_arm_processor_has_neon() {
+        assert_eq!(Level::Neon.is_available(), cfg!(target_arch = "aarch64"));
+        if cfg!(target_arch = "aarch64") {
+            assert_eq!(Level::fastest(), Level::Neon);
+        }
     }
 }

@@ -15,6 +15,8 @@ macro_rules! inlined {
     };
 }
 
+#[cfg(target_arch = "aarch64")]
+mod aarch64;
 mod doubles;
 mod level;
 mod memory;
@@ -26,7 +28,7 @@ mod tests;
 mod x86;
 
 pub(crate) use doubles::{Doubles, PortableDoubles};
-pub use level::Level;
+pub use level::{Level, UnavailableLevel};
 pub use memory::{Buffer, Scratch};
 pub(crate) use memory::{Shared, Unset, unset, written};
 pub use product::{Packed, Tail};
@@ -61,6 +63,13 @@ pub(crate) trait Vector: Copy {
     unsafe fn mul_add(self, factor: Self, term: Self) -> Self;
     /// `self` where `other` is above 0, else 0.
     unsafe fn where_positive(self, other: Self) -> Self;
+
+    /// A float in memory in all lanes.
+    #[inline(always)]
+    unsafe fn broadcast(from: *const f32) -> Self {
+        // SAFETY: as demanded from the caller.
+        unsafe { Self::splat(*from) }
+    }
 
     /// The first `count` floats, at most `LANES`; the rest is 0.
     #[inline(always)]

@@ -55,7 +55,7 @@ unsafe fn tile<V: Vector, const N: usize, const W: usize>(
                 if r > 0 && r % 3 == 0 {
                     a_k = pinned(a_k.wrapping_add(3 * a.row));
                 }
-                let value = V::splat(*a_k.add(r % 3 * a.row));
+                let value = V::broadcast(a_k.add(r % 3 * a.row));
                 for (sum, column) in sum.iter_mut().zip(columns) {
                     *sum = value.mul_add(column, *sum);
                 }

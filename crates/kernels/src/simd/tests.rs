@@ -76,6 +76,20 @@ fn zeros_that_are_left_out_change_no_bit() {
     }
 }
 
+#[test]
+fn the_relu_of_nan_is_0() {
+    for level in Level::available() {
+        let packed = Packed::new(level, (1, 1), &[], |_, _| 1.0);
+        let tail = Tail {
+            skip: None,
+            relu: true,
+        };
+        let mut output = vec![f32::NAN; 3];
+        packed.apply(&[f32::NAN, -1.0, 2.0], tail, &mut output);
+        assert_eq!(output, [0.0, 0.0, 2.0], "{level:?}");
+    }
+}
+
 struct Everything<'a>(&'a [f32], &'a [f32]);
 
 impl Kernel for Everything<'_> {
