@@ -257,7 +257,7 @@ def fuse(scene, folder):
             arguments = ["--workspace_path", folder, "--output_path", path]
             subprocess.run(["colmap", "stereo_fusion", *arguments], check=True, capture_output=True)
         else:
-            pycolmap.stereo_fusion(output_path=path, workspace_path=folder)
+            pycolmap.stereo_fusion(output_path=path, workspace_path=folder, output_type="PLY")
         vertices = PlyData.read(path)["vertex"]
         cloud = np.stack([vertices[axis] for axis in "xyz"], 1).astype(float)
         check_cloud(scene, cloud, f"stereo_fusion of {title}")

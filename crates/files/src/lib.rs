@@ -66,4 +66,6 @@ pub use pose::rotation_matrix;
 pub use sparse::Sparse;
 pub use stored::StoredMap;
 pub use unit::Unit;
-pub use workspaces::{Finished, Tool, Workspace, WorkspaceCounts, WorkspaceFrame};
+pub use workspaces::{
+    Workspace, WorkspaceCounts, WorkspaceFormat, WorkspaceFrame, WorkspaceImages,
+};

@@ -7,7 +7,7 @@ use lsdc_core::DepthNoise;
 use lsdc_eval::data::{Camera, DepthKind, Shard, Unit};
 use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
-use lsdc_files::Tool;
+use lsdc_files::WorkspaceFormat;
 use lsdc_weights::ResizeLayer;
 use std::path::PathBuf;
 
@@ -91,13 +91,13 @@ pub(in crate::cli) struct Complete {
     /// --formats, no other depth maps are written. See docs/colmap.md.
     #[arg(
         long,
-        value_parser = typed::<Tool>,
+        value_parser = typed::<WorkspaceFormat>,
         value_delimiter = ',',
         value_name = "PROGRAM,...",
         help_heading = "Output",
         hide_short_help = true
     )]
-    pub(in crate::cli) export: Vec<Tool>,
+    pub(in crate::cli) export: Vec<WorkspaceFormat>,
     /// With --export, leave pixels empty in the workspaces whose standard deviation is larger than this share of their depth.
     /// The summary and the report count them.
     #[arg(long, requires = "export", value_parser = share, value_name = "SHARE", help_heading = "Output", hide_short_help = true)]

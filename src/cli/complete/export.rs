@@ -7,7 +7,9 @@ use super::settings::Settings;
 use crate::cli::ui::{self, counted};
 use lsdc_eval::data::{self, Colmap, DepthMap, Unit};
 use lsdc_files::error::Result;
-use lsdc_files::{Camera, Finished, Tool, Workspace, WorkspaceCounts, WorkspaceFrame};
+use lsdc_files::{
+    Camera, Workspace, WorkspaceCounts, WorkspaceFormat, WorkspaceFrame, WorkspaceImages,
+};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -17,13 +19,13 @@ pub(super) fn workspaces(
     model: Option<&Colmap>,
     output: &Path,
 ) -> Result<Vec<Workspace>> {
-    let of = |model, tool: &Tool| {
-        let folder = output.join(tool.name());
-        Workspace::new(*tool, folder, &settings.sparse, model)
+    let of = |model, format: &WorkspaceFormat| {
+        let folder = output.join(format.name());
+        Workspace::new(*format, folder, &settings.sparse, model)
     };
-    let tools = settings.exports.iter();
+    let formats = settings.exports.iter();
     model.map_or(Ok(Vec::new()), |model| {
-        tools.map(|tool| of(model, tool)).collect()
+        formats.map(|format| of(model, format)).collect()
     })
 }
 
@@ -31,17 +33,17 @@ pub(super) fn workspaces(
 pub(super) fn finish(workspaces: &[Workspace], json: bool) -> Result<()> {
     let tell = if json { ui::say } else { ui::tell };
     for workspace in workspaces {
-        let Finished {
-            images,
+        let WorkspaceImages {
+            with_depth,
             without_depth,
         } = workspace.finish()?;
         tell(&format!(
             "exported  {} for {} in {}",
-            counted(images, "image"),
-            workspace.tool(),
+            counted(with_depth, "image"),
+            workspace.format(),
             workspace.folder().display()
         ));
-        if without_depth > 0 && workspace.tool() == Tool::Splatting {
+        if without_depth > 0 && workspace.format() == WorkspaceFormat::Splatting {
             ui::warn(&format!(
                 "warning: {} of the model without depth: the loader of splatting needs the depth of every image",
                 counted(without_depth, "image")
@@ -120,12 +122,12 @@ impl<'a> Export<'a> {
         for frame in &frames {
             pixels = pixels.max(frame.counts);
         }
-        let mut tools = self.workspaces.iter().map(Workspace::tool);
+        let mut formats = self.workspaces.iter().map(Workspace::format);
         Ok(Exported {
             frames,
             counts: ExportCounts {
                 uncertain,
-                needs_all: tools.any(|tool| tool == Tool::Splatting),
+                needs_all: formats.any(|format| format == WorkspaceFormat::Splatting),
                 pixels,
             },
         })

@@ -10,7 +10,7 @@ use lsdc_core::DepthGuide;
 use lsdc_eval::data::{self, Colmap, DepthReadOptions, Sparse, UprightImage, View, check_foreign};
 use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Error, Result};
-use lsdc_files::{Tool, Workspace};
+use lsdc_files::{Workspace, WorkspaceFormat};
 use lsdc_recordings::SyncedFrame;
 use serde_json::json;
 use std::collections::{HashMap, HashSet};
@@ -538,8 +538,8 @@ fn without_results(images: Vec<PathBuf>, folder: &Path, output: &Path) -> (Vec<P
     let (folder, output) = (real(folder), real(output));
     let together = folder.starts_with(&output);
     let stems: HashSet<PathBuf> = images.iter().map(|path| path.with_extension("")).collect();
-    let workspaces: Vec<PathBuf> = Tool::ALL
-        .map(|tool| output.join(tool.name()))
+    let workspaces: Vec<PathBuf> = WorkspaceFormat::ALL
+        .map(|format| output.join(format.name()))
         .into_iter()
         .filter(|folder| Workspace::is_at(folder))
         .collect();

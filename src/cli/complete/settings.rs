@@ -7,7 +7,7 @@ use lsdc_eval::data::{Camera, Colmap, DepthKind, Shard, Unit};
 use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
 use lsdc_files::error::{Error, Result};
-use lsdc_files::{CloudOptions, Tool};
+use lsdc_files::{CloudOptions, WorkspaceFormat};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -67,7 +67,7 @@ pub(super) struct Settings {
     pub(super) formats: Vec<Format>,
     /// Programs that workspaces are written for.
     #[serde(skip)]
-    pub(super) exports: Vec<Tool>,
+    pub(super) exports: Vec<WorkspaceFormat>,
     #[serde(skip)]
     pub(super) destination: Destination,
     #[serde(skip)]
@@ -259,11 +259,11 @@ fn check_export(args: &Complete) -> Result<()> {
 }
 
 /// The elements without those that were there before.
-fn distinct(tools: Vec<Tool>) -> Vec<Tool> {
+fn distinct(exports: Vec<WorkspaceFormat>) -> Vec<WorkspaceFormat> {
     let mut found = Vec::new();
-    for tool in tools {
-        if !found.contains(&tool) {
-            found.push(tool);
+    for export in exports {
+        if !found.contains(&export) {
+            found.push(export);
         }
     }
     found

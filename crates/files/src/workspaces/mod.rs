@@ -28,10 +28,10 @@ const MARKER: &str = ".lsdc-workspace";
 /// The folder of images in every workspace.
 const IMAGES: &str = "images";
 
-/// A program that workspaces are written for.
+/// The program that a workspace is written for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
-pub enum Tool {
+pub enum WorkspaceFormat {
     /// COLMAP's dense stage: `stereo_fusion`, `poisson_mesher`, `delaunay_mesher`.
     Colmap,
     /// 3-D Gaussian splatting as published (graphdeco-inria/gaussian-splatting), option `-d`.
@@ -40,7 +40,7 @@ pub enum Tool {
     Nerfstudio,
 }
 
-impl Tool {
+impl WorkspaceFormat {
     /// All, in the order of their documentation.
     pub const ALL: [Self; 3] = [Self::Colmap, Self::Splatting, Self::Nerfstudio];
 
@@ -54,18 +54,18 @@ impl Tool {
     }
 }
 
-impl Display for Tool {
+impl Display for WorkspaceFormat {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl FromStr for Tool {
+impl FromStr for WorkspaceFormat {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let mut tools = Self::ALL.into_iter();
-        tools.find(|tool| tool.name() == text).ok_or_else(|| {
+        let mut formats = Self::ALL.into_iter();
+        formats.find(|format| format.name() == text).ok_or_else(|| {
             let names = Self::ALL.map(Self::name).join(", ");
             Error::config(format!("there is no export `{text}`")).hint(format!("exports: {names}"))
         })
@@ -75,18 +75,18 @@ impl FromStr for Tool {
 /// A workspace of a sparse model, which is filled image by image, in any order and by any number of processes.
 ///
 /// ```no_run
-/// use lsdc_files::{Colmap, DepthMap, Tool, Workspace};
+/// use lsdc_files::{Colmap, DepthMap, WorkspaceFormat, Workspace};
 /// # fn main() -> lsdc_files::error::Result<()> {
 /// let model = Colmap::read("sparse/0".as_ref())?;
-/// let workspace = Workspace::new(Tool::Colmap, "dense".into(), "sparse/0".as_ref(), &model)?;
+/// let workspace = Workspace::new(WorkspaceFormat::Colmap, "dense".into(), "sparse/0".as_ref(), &model)?;
 /// workspace.create(false)?;
 /// for view in &model.views {
 ///     let depth = DepthMap::new(view.size.0, view.size.1, vec![2.0; view.size.0 * view.size.1])?;
 ///     let frame = workspace.encode(&view.name, &depth, view.camera.as_ref())?;
 ///     workspace.write(&frame, &std::path::Path::new("images").join(&view.name), false)?;
 /// }
-/// let finished = workspace.finish()?;
-/// println!("{} images, {} without depth", finished.images, finished.without_depth);
+/// let images = workspace.finish()?;
+/// println!("{} images, {} without depth", images.with_depth, images.without_depth);
 /// # Ok(())
 /// # }
 /// ```
@@ -163,9 +163,9 @@ impl WorkspaceCounts {
 
 /// The images of a workspace after [`Workspace::finish`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Finished {
+pub struct WorkspaceImages {
     /// Images with depth.
-    pub images: usize,
+    pub with_depth: usize,
     /// Images of the model without depth: those not completed yet, and those whose files are absent.
     pub without_depth: usize,
 }
@@ -176,11 +176,16 @@ impl Workspace {
     /// # Errors
     /// A camera that the program cannot use; for splatting, images whose names differ only in their endings, or a model
     /// without points.
-    pub fn new(tool: Tool, folder: PathBuf, model_folder: &Path, model: &Colmap) -> Result<Self> {
+    pub fn new(
+        format: WorkspaceFormat,
+        folder: PathBuf,
+        model_folder: &Path,
+        model: &Colmap,
+    ) -> Result<Self> {
         let wrong = |what: String| Error::format(model_folder, what);
-        let coding = match tool {
-            Tool::Colmap => Coding::Colmap,
-            Tool::Splatting => {
+        let coding = match format {
+            WorkspaceFormat::Colmap => Coding::Colmap,
+            WorkspaceFormat::Splatting => {
                 check_stems(&model.views).map_err(wrong)?;
                 let nearest = depth_range(&model.views).map(|[nearest, _]| nearest);
                 let nearest = nearest.ok_or_else(|| {
@@ -188,14 +193,14 @@ impl Workspace {
                 })?;
                 Coding::Splatting(InverseDepth::of_nearest(nearest))
             }
-            Tool::Nerfstudio => {
+            WorkspaceFormat::Nerfstudio => {
                 let range = depth_range(&model.views);
                 Coding::Nerfstudio(DepthFormat::of_range(range))
             }
         };
         let views = model.views.iter().map(|view| {
-            let camera = usable(tool, view.camera.as_ref()).map_err(|what| {
-                wrong(format!("{tool} cannot use the camera of `{}`: {what}", view.name))
+            let camera = usable(format, view.camera.as_ref()).map_err(|what| {
+                wrong(format!("{format} cannot use the camera of `{}`: {what}", view.name))
                     .hint("`colmap image_undistorter` makes images and a model without distortion: give its folders images and sparse")
             })?;
             Ok(PosedView {
@@ -206,7 +211,7 @@ impl Workspace {
         });
         let views: Vec<PosedView> = views.collect::<Result<_>>()?;
         let lenses = views.iter().map(|view| view.camera.optics().lens());
-        if tool == Tool::Nerfstudio && nerfstudio::is_mixed(lenses) {
+        if format == WorkspaceFormat::Nerfstudio && nerfstudio::is_mixed(lenses) {
             let what = "has fisheye cameras beside others, which nerfstudio does not";
             return Err(wrong(what.to_owned()).hint("make a model of each kind of camera"));
         }
@@ -226,11 +231,11 @@ impl Workspace {
     }
 
     /// The program.
-    pub fn tool(&self) -> Tool {
+    pub fn format(&self) -> WorkspaceFormat {
         match self.coding {
-            Coding::Colmap => Tool::Colmap,
-            Coding::Splatting(_) => Tool::Splatting,
-            Coding::Nerfstudio(_) => Tool::Nerfstudio,
+            Coding::Colmap => WorkspaceFormat::Colmap,
+            Coding::Splatting(_) => WorkspaceFormat::Splatting,
+            Coding::Nerfstudio(_) => WorkspaceFormat::Nerfstudio,
         }
     }
 
@@ -246,7 +251,7 @@ impl Workspace {
     pub fn create(&self, replace: bool) -> Result<()> {
         let folder = &self.folder;
         let marker = folder.join(MARKER);
-        let text = format!("{}\n", self.tool());
+        let text = format!("{}\n", self.format());
         match std::fs::read_to_string(&marker) {
             Ok(found) if found == text => return Ok(()),
             _ => {}
@@ -390,14 +395,14 @@ impl Workspace {
     ///
     /// # Errors
     /// Files that cannot be read or written.
-    pub fn finish(&self) -> Result<Finished> {
+    pub fn finish(&self) -> Result<WorkspaceImages> {
         let views: Vec<&PosedView> = self
             .views
             .iter()
             .filter(|view| self.has(&view.name))
             .collect();
-        let finished = Finished {
-            images: views.len(),
+        let images = WorkspaceImages {
+            with_depth: views.len(),
             without_depth: self.views.len() - views.len(),
         };
         let lists = match self.coding {
@@ -428,7 +433,7 @@ impl Workspace {
             }
             write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
         }
-        Ok(finished)
+        Ok(images)
     }
 
     /// Where the depth of an image is stored, below the folder.
@@ -466,12 +471,12 @@ impl Workspace {
 }
 
 /// The camera of an image, if the program can use it, or why it cannot.
-fn usable(tool: Tool, camera: Option<&Camera>) -> std::result::Result<Camera, String> {
+fn usable(format: WorkspaceFormat, camera: Option<&Camera>) -> std::result::Result<Camera, String> {
     let camera = camera.ok_or("its model is not supported")?;
     let lens = camera.optics().lens();
-    let is_usable = match tool {
-        Tool::Colmap | Tool::Splatting => *lens == Lens::Pinhole,
-        Tool::Nerfstudio => nerfstudio::is_usable(lens),
+    let is_usable = match format {
+        WorkspaceFormat::Colmap | WorkspaceFormat::Splatting => *lens == Lens::Pinhole,
+        WorkspaceFormat::Nerfstudio => nerfstudio::is_usable(lens),
     };
     if is_usable {
         return Ok(camera.clone());

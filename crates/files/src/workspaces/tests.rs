@@ -35,7 +35,7 @@ impl Scene {
         Self::new("PINHOLE 4 3 5 5 2 1.5", IMAGES_TXT)
     }
 
-    fn workspace(&self, tool: Tool) -> Result<Workspace> {
+    fn workspace(&self, tool: WorkspaceFormat) -> Result<Workspace> {
         let folder = self.root.path().join("out").join(tool.name());
         Workspace::new(tool, folder, &self.root.path().join("model"), &self.model)
     }
@@ -59,7 +59,7 @@ fn depth(value: f32) -> DepthMap {
 #[test]
 fn a_workspace_lists_the_images_that_it_has() {
     let scene = Scene::pinhole();
-    for tool in Tool::ALL {
+    for tool in WorkspaceFormat::ALL {
         let workspace = scene.workspace(tool).unwrap();
         workspace.create(false).unwrap();
         let text = |name: &str| std::fs::read_to_string(workspace.folder().join(name));
@@ -69,24 +69,24 @@ fn a_workspace_lists_the_images_that_it_has() {
             .unwrap();
         assert!(workspace.has("b/c.png") && !workspace.has("a.png"));
         let finished = workspace.finish().unwrap();
-        assert_eq!((finished.images, finished.without_depth), (1, 1));
+        assert_eq!((finished.with_depth, finished.without_depth), (1, 1));
         scene.add(&workspace, "a.png", &depth(2.5), false).unwrap();
         let finished = workspace.finish().unwrap();
-        assert_eq!((finished.images, finished.without_depth), (2, 0));
+        assert_eq!((finished.with_depth, finished.without_depth), (2, 0));
         for name in ["a.png", "b/c.png"] {
             let copy = workspace.folder().join("images").join(name);
             let photo = scene.root.path().join("photos").join(name);
             assert_eq!(std::fs::read(copy).unwrap(), std::fs::read(photo).unwrap());
         }
         match tool {
-            Tool::Colmap => {
+            WorkspaceFormat::Colmap => {
                 assert_eq!(text("sparse/images.txt").unwrap(), IMAGES_TXT);
                 assert_eq!(text("stereo/fusion.cfg").unwrap(), "a.png\nb/c.png\n");
                 let maps = workspace.folder().join("stereo/depth_maps/b");
                 let map = std::fs::read(maps.join("c.png.geometric.bin")).unwrap();
                 assert_eq!(map.len(), 6 + 4 * 12);
             }
-            Tool::Splatting => {
+            WorkspaceFormat::Splatting => {
                 assert_eq!(text("sparse/0/points3D.txt").unwrap(), POINTS_TXT);
                 let text = text("sparse/0/depth_params.json").unwrap();
                 let parameters: Value = serde_json::from_str(&text).unwrap();
@@ -97,7 +97,7 @@ fn a_workspace_lists_the_images_that_it_has() {
                     crate::files::image_kind(&workspace.folder().join("depths/b/c.png")).unwrap();
                 assert_eq!(kind, image::ColorType::L16);
             }
-            Tool::Nerfstudio => {
+            WorkspaceFormat::Nerfstudio => {
                 let found: Value = serde_json::from_str(&text("transforms.json").unwrap()).unwrap();
                 let frame = &found["frames"][1];
                 assert_eq!(frame["depth_file_path"], "depths/b/c.png.png");
@@ -113,7 +113,7 @@ fn a_workspace_lists_the_images_that_it_has() {
 #[test]
 fn nothing_else_is_replaced_unasked() {
     let scene = Scene::pinhole();
-    for tool in Tool::ALL {
+    for tool in WorkspaceFormat::ALL {
         let workspace = scene.workspace(tool).unwrap();
         // A folder of other contents.
         std::fs::create_dir_all(workspace.folder()).unwrap();
@@ -142,12 +142,12 @@ fn no_depth_stays_none() {
     let mut values = vec![2.0; 12];
     values[6] = 0.0;
     let map = DepthMap::new(4, 3, values).unwrap();
-    for tool in Tool::ALL {
+    for tool in WorkspaceFormat::ALL {
         let workspace = scene.workspace(tool).unwrap();
         let frame = workspace.encode("a.png", &map, None).unwrap();
         assert_eq!(frame.counts.empty, 1);
         let (_, bytes) = &frame.files[0];
-        let values: Vec<f32> = if tool == Tool::Colmap {
+        let values: Vec<f32> = if tool == WorkspaceFormat::Colmap {
             let (floats, _) = bytes[6..].as_chunks::<4>();
             floats.iter().copied().map(f32::from_le_bytes).collect()
         } else {
@@ -171,7 +171,7 @@ fn maps_are_turned_back_to_the_stored_pixels() {
         stored[(2 - x) * 4 + y]
     };
     let shown = DepthMap::new(3, 4, (0..12).map(shown).collect()).unwrap();
-    let workspace = scene.workspace(Tool::Colmap).unwrap();
+    let workspace = scene.workspace(WorkspaceFormat::Colmap).unwrap();
     let frame = workspace.encode("a.png", &shown, camera.as_ref()).unwrap();
     let bytes = &frame.files[0].1;
     assert!(bytes.starts_with(b"4&3&1&"));
@@ -182,37 +182,47 @@ fn maps_are_turned_back_to_the_stored_pixels() {
 
 #[test]
 fn what_a_program_cannot_use_is_refused() {
-    let refused = |camera: &str, images: &str, tool: Tool, words: &str| {
+    let refused = |camera: &str, images: &str, tool: WorkspaceFormat, words: &str| {
         let error = Scene::new(camera, images).workspace(tool).unwrap_err();
         assert!(error.to_string().contains(words), "{tool}: {error}");
         error
     };
     let opencv = "OPENCV 4 3 5 5 2 1.5 0.1 0 0 0";
-    for tool in [Tool::Colmap, Tool::Splatting] {
+    for tool in [WorkspaceFormat::Colmap, WorkspaceFormat::Splatting] {
         let error = refused(opencv, IMAGES_TXT, tool, "has distortion (radtan)");
         assert!(error.advice().unwrap().contains("image_undistorter"));
     }
     let full = "FULL_OPENCV 4 3 5 5 2 1.5 0.1 0 0 0 0 0.2 0 0";
-    refused(full, IMAGES_TXT, Tool::Nerfstudio, "has distortion");
+    refused(
+        full,
+        IMAGES_TXT,
+        WorkspaceFormat::Nerfstudio,
+        "has distortion",
+    );
     let fov = "FOV 4 3 5 5 2 1.5 0.1";
-    refused(fov, IMAGES_TXT, Tool::Nerfstudio, "is not supported");
+    refused(
+        fov,
+        IMAGES_TXT,
+        WorkspaceFormat::Nerfstudio,
+        "is not supported",
+    );
     let twins = "1 1 0 0 0 0 0 0 1 a.png\n1 1 1\n2 1 0 0 0 0 0 0 1 a.jpg\n\n";
     refused(
         "PINHOLE 4 3 5 5 2 1.5",
         twins,
-        Tool::Splatting,
+        WorkspaceFormat::Splatting,
         "called `a`",
     );
     let blind = "1 1 0 0 0 0 0 0 1 a.png\n\n";
     refused(
         "PINHOLE 4 3 5 5 2 1.5",
         blind,
-        Tool::Splatting,
+        WorkspaceFormat::Splatting,
         "sees a point",
     );
     assert!(
         Scene::new(opencv, IMAGES_TXT)
-            .workspace(Tool::Nerfstudio)
+            .workspace(WorkspaceFormat::Nerfstudio)
             .is_ok()
     );
 }
@@ -221,11 +231,11 @@ fn what_a_program_cannot_use_is_refused() {
 fn images_that_are_not_those_of_the_model_are_refused() {
     let outside = "1 1 0 0 0 0 0 0 1 ../a.png\n1 1 1\n";
     let scene = Scene::new("PINHOLE 4 3 5 5 2 1.5", outside);
-    let workspace = scene.workspace(Tool::Colmap).unwrap();
+    let workspace = scene.workspace(WorkspaceFormat::Colmap).unwrap();
     let error = workspace.encode("../a.png", &depth(2.0), None).unwrap_err();
     assert!(error.to_string().contains("leads out"), "{error}");
     let scene = Scene::new("PINHOLE 8 6 5 5 4 3", IMAGES_TXT);
-    let workspace = scene.workspace(Tool::Colmap).unwrap();
+    let workspace = scene.workspace(WorkspaceFormat::Colmap).unwrap();
     let error = scene.add(&workspace, "a.png", &depth(2.0), false);
     let error = error.unwrap_err().to_string();
     assert!(error.contains("is 4x3, but 8x6 in the model"), "{error}");
