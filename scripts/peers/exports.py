@@ -13,7 +13,9 @@ a sparse model, and with `--method nearest` from a model that has a point at eve
 """
 
 import argparse
+import contextlib
 import importlib
+import io
 import json
 import pathlib
 import shutil
@@ -229,7 +231,9 @@ def check_maps(scene, folder, depths):
         depth.read(str(folder / "stereo/depth_maps" / name))
         normal.read(str(folder / "stereo/normal_maps" / name))
         worst = max(worst, np.abs(depth.to_array() - depths[view]).max())
-        cosines = (normal.to_array() * scene.normals[view]).sum(-1).clip(-1, 1)
+        # COLMAP stores a matrix channel by channel; pycolmap 4.2.1 hands out the bytes as if channels were innermost.
+        found = normal.to_array().reshape(3, HEIGHT, WIDTH).transpose(1, 2, 0)
+        cosines = (found * scene.normals[view]).sum(-1).clip(-1, 1)
         angles.append(np.degrees(np.arccos(cosines)).ravel())
     angles = np.concatenate(angles)
     shares = ", ".join(f"{(angles < limit).mean():.1%} within {limit}" for limit in (1, 5, 10))
@@ -317,7 +321,8 @@ def check_splatting(scene, folder, clone, depths):
     readers = importlib.import_module("scene.dataset_readers")
     cameras = importlib.import_module("utils.camera_utils")
     readers.fetchPly = lambda _: None
-    found = readers.readColmapSceneInfo(str(folder), "images", "depths", False, False)
+    with contextlib.redirect_stdout(io.StringIO()):
+        found = readers.readColmapSceneInfo(str(folder), "images", "depths", False, False)
     options = types.SimpleNamespace(resolution=1, data_device="cpu", train_test_exp=False)
     worst, reliable = 0.0, 0
     for info in found.train_cameras:

@@ -96,10 +96,13 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        if name.starts_with('.') {
+            continue;
+        }
         if path.is_dir() {
             let below = files(&path).into_iter();
             found.extend(below.map(|(file, bytes)| (format!("{name}/{file}"), bytes)));
-        } else if !name.starts_with('.') {
+        } else {
             found.push((name, std::fs::read(&path).unwrap()));
         }
     }
@@ -208,7 +211,7 @@ fn a_run_goes_on_with_what_is_left() {
         std::fs::remove_file(at(name)).unwrap();
         let told = run(folder.path(), &ALL);
         assert!(told.contains("1 completed, 1 there already"), "{told}");
-        assert_eq!(files(&at("")), whole, "{name}");
+        assert!(files(&at("")) == whole, "{name}");
     }
     // The copies of the images are no images to complete.
     let mut within = ALL;

@@ -7,8 +7,8 @@ use lsdc_core::DepthMap;
 /// The folders of depth and of normal maps.
 pub(super) const PATHS: [&str; 2] = ["stereo/depth_maps", "stereo/normal_maps"];
 
-/// Source images of each image in `patch-match.cfg`, as `colmap image_undistorter` writes it.
-const SOURCES: &str = "__auto__, 20";
+/// What follows the name of an image in `patch-match.cfg`: its source images, as `colmap image_undistorter` writes them.
+const SOURCES: &str = "\n__auto__, 20\n";
 
 /// The files of the depth map and of the normal map of an image, and how many pixels have a depth but no normal.
 pub(super) fn maps(depth: &DepthMap, intrinsics: [f64; 4]) -> ([Vec<u8>; 2], usize) {
@@ -41,11 +41,16 @@ fn matrix(
 pub(super) fn lists<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
 ) -> [(&'static str, String); 2] {
-    let fusion = names.clone().map(|name| format!("{name}\n")).collect();
-    let sources = names.map(|name| format!("{name}\n{SOURCES}\n")).collect();
+    let list = |end: &str| {
+        let mut text = String::new();
+        for name in names.clone() {
+            text.extend([name, end]);
+        }
+        text
+    };
     [
-        ("stereo/fusion.cfg", fusion),
-        ("stereo/patch-match.cfg", sources),
+        ("stereo/fusion.cfg", list("\n")),
+        ("stereo/patch-match.cfg", list(SOURCES)),
     ]
 }
 

@@ -11,7 +11,7 @@ mod splatting;
 use crate::camera::Camera;
 use crate::colmap::{Colmap, View};
 use crate::error::{Error, Result};
-use crate::files::{image_size, link_or_copy, write_atomically};
+use crate::files::{image_size, link_or_copy, remove_leftovers, write_atomically};
 use lsdc_core::{DepthMap, Lens};
 use nerfstudio::DepthFormat;
 use serde::Serialize;
@@ -134,9 +134,9 @@ pub struct WorkspaceCounts {
     pub empty: usize,
     /// A depth, but too few neighbours with depth for a normal (COLMAP): the normal is 0.
     pub without_normal: usize,
-    /// So far away that the code would be 0, no depth: stored as the farthest depth of the code.
+    /// Farther than a format of 16 bits holds: stored as the farthest depth that it holds.
     pub farthest: usize,
-    /// Nearer than the code holds: stored as the nearest depth of the code.
+    /// Nearer than a format of 16 bits holds: stored as the nearest depth that it holds.
     pub nearest: usize,
 }
 
@@ -244,7 +244,7 @@ impl Workspace {
         &self.folder
     }
 
-    /// Creates the folder, or continues a workspace of the same program. `replace` allows a folder of other contents.
+    /// Creates the folder, or continues a workspace for the same program. `replace` allows a folder of other contents.
     ///
     /// # Errors
     /// A folder of other contents without `replace`, or one that cannot be written.
@@ -252,15 +252,16 @@ impl Workspace {
         let folder = &self.folder;
         let marker = folder.join(MARKER);
         let text = format!("{}\n", self.format());
-        match std::fs::read_to_string(&marker) {
-            Ok(found) if found == text => return Ok(()),
-            _ => {}
+        if std::fs::read_to_string(&marker).is_ok_and(|found| found == text) {
+            self.remove_leftovers();
+            return Ok(());
         }
         let is_used = std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_some());
         if is_used && !replace {
             let what = format!(
-                "`{}` exists and is no workspace of this program",
-                folder.display()
+                "`{}` exists and is no workspace by lsdc for {}",
+                folder.display(),
+                self.format()
             );
             return Err(
                 Error::config(what).hint("give --force to write into it, or another folder")
@@ -268,6 +269,17 @@ impl Workspace {
         }
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
         write_atomically(&marker, |out| out.write_all(text.as_bytes()))
+    }
+
+    /// Removes what interrupted writers left in the folders of images and depths.
+    fn remove_leftovers(&self) {
+        let files = self.views.iter().enumerate().flat_map(|(view, posed)| {
+            let depths = self.paths(&posed.name).map(|path| self.folder.join(path));
+            depths.chain([self.image(view)])
+        });
+        let folders = files.filter_map(|file| file.parent().map(Path::to_owned));
+        let folders: HashSet<PathBuf> = folders.collect();
+        folders.iter().for_each(|folder| remove_leftovers(folder));
     }
 
     /// Whether the image of that name and its depth are in the workspace.
@@ -333,8 +345,9 @@ impl Workspace {
                 vec![code.png(depth, &values)?]
             }
             Coding::Nerfstudio(format) => {
-                let (bytes, farther) = format.encode(depth)?;
-                counts.nearest = farther;
+                let (bytes, [nearest, farthest]) = format.encode(depth)?;
+                counts.nearest = nearest;
+                counts.farthest = farthest;
                 vec![bytes]
             }
         };

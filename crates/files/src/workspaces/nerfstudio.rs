@@ -20,6 +20,9 @@ pub(super) const TRANSFORMS: &str = "transforms.json";
 /// The reciprocal of `depth_unit_scale_factor`.
 const PER_UNIT: f64 = 1000.0;
 
+/// The farthest depth in a PNG.
+const LARGEST: f64 = u16::MAX as f64 / PER_UNIT;
+
 /// How the depths of all images are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DepthFormat {
@@ -30,13 +33,15 @@ pub(super) enum DepthFormat {
 }
 
 impl DepthFormat {
-    /// PNG if it holds the depths of a model to a thousandth: points are at least 0.5 units away, and ten times the farthest,
-    /// which completed depths do not exceed, fits into 16 bits. Models are of arbitrary scale, so many need floats.
+    /// PNG if its steps suit the depths of a model: points are at least 0.5 units away, and four times the farthest fits into
+    /// 16 bits. Models are of arbitrary scale, so many need floats.
     pub(super) fn of_range(range: Option<[f64; 2]>) -> Self {
         const NEAREST: f64 = 0.5;
-        const FARTHEST: f64 = 65.535 / 10.0;
+        const MARGIN: f64 = 4.0;
         match range {
-            Some([nearest, farthest]) if nearest >= NEAREST && farthest <= FARTHEST => Self::Png,
+            Some([nearest, farthest]) if nearest >= NEAREST && MARGIN * farthest <= LARGEST => {
+                Self::Png
+            }
             _ => Self::Npy,
         }
     }
@@ -48,20 +53,24 @@ impl DepthFormat {
         }
     }
 
-    /// The file of a depth map, and how many pixels are nearer than half a step, and stored as one step.
-    ///
-    /// # Errors
-    /// A depth beyond 65.535 units in a PNG.
-    pub(super) fn encode(self, depth: &DepthMap) -> Result<(Vec<u8>, usize)> {
+    /// The file of a depth map. Returns also how many pixels are nearer than half a step of a PNG, and farther than it holds:
+    /// they have the nearest and the farthest depth that it holds.
+    pub(super) fn encode(self, depth: &DepthMap) -> Result<(Vec<u8>, [usize; 2])> {
+        let (width, height) = (depth.width(), depth.height());
+        let values = depth.values().iter();
         match self {
             Self::Png => {
                 let step = PER_UNIT.recip();
-                Ok((encode_depth_png(depth, step)?, raised_in_png(depth, step)))
+                let farthest = values.clone().filter(|v| f64::from(**v) > LARGEST);
+                let counts = [raised_in_png(depth, step), farthest.count()];
+                let held = values.map(|v| v.min(LARGEST as f32)).collect();
+                let held = DepthMap::new(width, height, held)?;
+                Ok((encode_depth_png(&held, step)?, counts))
             }
             Self::Npy => {
-                let scaled = depth.values().iter().map(|v| v * PER_UNIT as f32).collect();
-                let scaled = DepthMap::new(depth.width(), depth.height(), scaled)?;
-                Ok((encode_npy(&scaled)?, 0))
+                let scaled = values.map(|v| v * PER_UNIT as f32).collect();
+                let scaled = DepthMap::new(width, height, scaled)?;
+                Ok((encode_npy(&scaled)?, [0, 0]))
             }
         }
     }
@@ -225,12 +234,30 @@ mod tests {
     #[test]
     fn arbitrary_scales_are_stored_as_floats() {
         for (range, format) in [
-            (Some([0.8, 6.0]), DepthFormat::Png),
-            (Some([0.8, 60.0]), DepthFormat::Npy),
+            (Some([0.8, 16.0]), DepthFormat::Png),
+            (Some([0.8, 17.0]), DepthFormat::Npy),
             (Some([0.01, 0.2]), DepthFormat::Npy),
             (None, DepthFormat::Npy),
         ] {
             assert_eq!(DepthFormat::of_range(range), format, "{range:?}");
+        }
+    }
+
+    /// The loader multiplies the values of both formats by 0.001.
+    #[test]
+    fn depths_beyond_a_png_are_counted() {
+        let depths = vec![0.0, 0.0004, 2.0, 65.535, 66.0];
+        let depth = DepthMap::new(5, 1, depths.clone()).unwrap();
+        let (bytes, counts) = DepthFormat::Png.encode(&depth).unwrap();
+        assert_eq!(counts, [1, 1]);
+        let picture = image::load_from_memory(&bytes).unwrap().into_luma16();
+        assert_eq!(picture.into_raw(), [0, 1, 2000, 65535, 65535]);
+        let (bytes, counts) = DepthFormat::Npy.encode(&depth).unwrap();
+        assert_eq!(counts, [0, 0]);
+        let (floats, _) = bytes[bytes.len() - 20..].as_chunks::<4>();
+        for (found, depth) in floats.iter().zip(depths) {
+            let error = f32::from_le_bytes(*found) * 1e-3 - depth;
+            assert!(error.abs() <= 1e-7 * depth, "{depth}: {error}");
         }
     }
 
