@@ -25,6 +25,7 @@ mod scans;
 mod serve;
 mod summary;
 mod weights;
+mod workspaces;
 
 use assert_cmd::Command;
 use lsdc_eval::data::{DepthMap, read_npy, write_npy};

@@ -37,6 +37,7 @@ mod raster;
 mod sparse;
 mod stored;
 mod unit;
+mod workspaces;
 
 pub use camera::{Camera, CameraInfo};
 pub use certain::without_uncertain;
@@ -65,3 +66,6 @@ pub use pose::rotation_matrix;
 pub use sparse::Sparse;
 pub use stored::StoredMap;
 pub use unit::Unit;
+pub use workspaces::{
+    Workspace, WorkspaceCounts, WorkspaceFormat, WorkspaceFrame, WorkspaceImages,
+};

@@ -1,12 +1,13 @@
 //! Arguments of `complete` and `bench`.
 
-use super::values::{Format, deviation, edge, head, noise, preserve, range, size, typed};
+use super::values::{Format, deviation, edge, head, noise, preserve, range, share, size, typed};
 use super::{FitFlags, Model, Recorded, Settings};
 use clap::Args as ClapArgs;
 use lsdc_core::DepthNoise;
 use lsdc_eval::data::{Camera, DepthKind, Shard, Unit};
 use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
+use lsdc_files::WorkspaceFormat;
 use lsdc_weights::ResizeLayer;
 use std::path::PathBuf;
 
@@ -82,6 +83,25 @@ pub(in crate::cli) struct Complete {
         help_heading = "Output"
     )]
     pub(in crate::cli) formats: Option<Vec<Format>>,
+    /// Workspaces to write for other programs: colmap, splatting, nerfstudio; needs a COLMAP model.
+    ///
+    /// A workspace is the folder of this name in the folder of results, with images, cameras and a depth map for each image,
+    /// in the unit of the model. colmap: depth and normal maps for `colmap stereo_fusion` and the meshers. splatting: inverse
+    /// depths for `train.py -d depths` of 3-D Gaussian splatting. nerfstudio: `transforms.json`, for depth-nerfacto. Without
+    /// --formats, no other depth maps are written. See docs/colmap.md.
+    #[arg(
+        long,
+        value_parser = typed::<WorkspaceFormat>,
+        value_delimiter = ',',
+        value_name = "PROGRAM,...",
+        help_heading = "Output",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) export: Vec<WorkspaceFormat>,
+    /// With --export, leave pixels empty in the workspaces whose standard deviation is larger than this share of their depth.
+    /// The summary and the report count them.
+    #[arg(long, requires = "export", value_parser = share, value_name = "SHARE", help_heading = "Output", hide_short_help = true)]
+    pub(in crate::cli) max_relative_sigma: Option<f32>,
     /// Depths in metres of the first and the last colour of the colour map [default: the range of the middle 98 % of
     /// the pixels].
     #[arg(long, value_parser = range, value_name = "LOW,HIGH", help_heading = "Output", hide_short_help = true)]

@@ -102,6 +102,11 @@ pub(super) fn deviation(text: &str) -> std::result::Result<f32, String> {
     found.ok_or_else(|| format!("`{text}` is no standard deviation; metres above 0, as in 0.2"))
 }
 
+/// A standard deviation as a share of the depth, above 0.
+pub(super) fn share(text: &str) -> std::result::Result<f32, String> {
+    deviation(text).map_err(|_| format!("`{text}` is no share of the depth; above 0, as in 0.05"))
+}
+
 /// `LOW,HIGH` in metres, neither below 0; the error includes the hint.
 pub(super) fn range(text: &str) -> std::result::Result<(f32, f32), String> {
     read_range(text).map_err(with_hint)

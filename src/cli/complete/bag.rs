@@ -139,6 +139,7 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
 fn check(args: &Complete, output: &Path) -> Result<()> {
     let alien = [
         ("`--formats`", args.formats.is_some()),
+        ("`--export`", !args.export.is_empty()),
         ("`--range`", args.range.is_some()),
         ("`--outliers`", args.outliers),
         ("`--temporal`", args.temporal),

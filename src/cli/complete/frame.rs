@@ -255,7 +255,13 @@ impl<'a> Engine<'a> {
         let judges = self.settings.outliers
             || self.explains && robust
             || self.counts_outliers && completion.report().used <= MOST_TESTED;
-        let wanted = self.settings.uncertainty || self.settings.max_sigma.is_some();
+        let Settings {
+            uncertainty,
+            max_sigma,
+            max_relative_sigma,
+            ..
+        } = self.settings;
+        let wanted = *uncertainty || max_sigma.is_some() || max_relative_sigma.is_some();
         let (width, height) = (depth.width(), depth.height());
         let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
         let diagnostics = Diagnostics {

@@ -10,6 +10,7 @@ use lsdc_core::DepthGuide;
 use lsdc_eval::data::{self, Colmap, DepthReadOptions, Sparse, UprightImage, View, check_foreign};
 use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Error, Result};
+use lsdc_files::{Workspace, WorkspaceFormat};
 use lsdc_recordings::SyncedFrame;
 use serde_json::json;
 use std::collections::{HashMap, HashSet};
@@ -67,6 +68,14 @@ impl Job {
             .as_deref()
             .map(|guide| ("guide", Input::File(guide)));
         image.into_iter().chain([points]).chain(guide).collect()
+    }
+
+    /// The image of a model, if it is one.
+    pub(super) fn view(&self) -> Option<&View> {
+        match &self.points {
+            Points::View(view) => Some(view),
+            Points::File(_) | Points::Recorded(..) => None,
+        }
     }
 
     /// The frame of a recording, if it is one.
@@ -198,9 +207,21 @@ fn guide_of(settings: &Settings, name: &Path) -> Result<Option<PathBuf>> {
     }
 }
 
+/// The model of COLMAP that the points of several images are from, if they are from one.
+pub(super) fn model(settings: &Settings) -> Result<Option<Colmap>> {
+    let is_model = !settings.rgb.is_empty() && Colmap::is_at(&settings.sparse);
+    is_model.then(|| Colmap::read(&settings.sparse)).transpose()
+}
+
 /// Every image of folders, patterns, lists and recordings that belongs to the shard, each with its points. What
 /// has none, or no name of its own, has failed.
-pub(super) fn many(settings: &Settings, output: &Path, failures: &Failures) -> Result<Vec<Job>> {
+/// Points are those of `model`, if there is one.
+pub(super) fn many(
+    settings: &Settings,
+    model: Option<&Colmap>,
+    output: &Path,
+    failures: &Failures,
+) -> Result<Vec<Job>> {
     let holds = |name: &Path| settings.shard.holds(&name.to_string_lossy());
     if settings.rgb.is_empty() {
         check_foreign(&settings.sparse)?;
@@ -221,20 +242,16 @@ pub(super) fn many(settings: &Settings, output: &Path, failures: &Failures) -> R
         }
         return Ok(jobs.found);
     }
-    let mut views = Vec::new();
-    let is_model = Colmap::is_at(&settings.sparse);
-    if is_model {
-        views = Colmap::read(&settings.sparse)?.views;
-    } else if !settings.sparse.is_dir() {
+    if model.is_none() && !settings.sparse.is_dir() {
         let what = "is no folder of points and no model of COLMAP";
         return Err(Error::format(&settings.sparse, what).hint(
             "for several images give a folder with a file of points for each, or a list; for one image give its path",
         ));
     }
-    let views = by_name(&views);
+    let views = by_name(model.map_or(&[], |model| &model.views));
     let mut jobs = Jobs::new(settings, failures);
     let mut found = images(settings, output)?;
-    if is_model && settings.rgb.iter().all(|path| path.is_dir()) {
+    if model.is_some() && settings.rgb.iter().all(|path| path.is_dir()) {
         found = in_model(settings, found, &views)?;
     }
     let shared = shared_points(&found, |one| {
@@ -256,7 +273,14 @@ pub(super) fn many(settings: &Settings, output: &Path, failures: &Failures) -> R
             continue;
         }
         let points = if let Some(points) = points {
-            Ok(Points::File(points))
+            if settings.exports.is_empty() {
+                Ok(Points::File(points))
+            } else {
+                Err(Error::config(
+                    "its points are in a file, but `--export` needs its pose in the model",
+                )
+                .hint("leave the points out of the list"))
+            }
         } else if let Some(view) = view_of(&image, &views) {
             unshared(Path::new(&view.name)).map(|()| Points::View(Box::new(view.clone())))
         } else {
@@ -514,6 +538,11 @@ fn without_results(images: Vec<PathBuf>, folder: &Path, output: &Path) -> (Vec<P
     let (folder, output) = (real(folder), real(output));
     let together = folder.starts_with(&output);
     let stems: HashSet<PathBuf> = images.iter().map(|path| path.with_extension("")).collect();
+    let workspaces: Vec<PathBuf> = WorkspaceFormat::ALL
+        .map(|format| output.join(format.name()))
+        .into_iter()
+        .filter(|folder| Workspace::is_at(folder))
+        .collect();
     let is_result = |path: &Path| {
         let named = |end: &str| {
             let name = path.file_name()?.to_str()?;
@@ -523,6 +552,9 @@ fn without_results(images: Vec<PathBuf>, folder: &Path, output: &Path) -> (Vec<P
         let ends = Format::ALL.into_iter().map(Format::end);
         if together {
             ends.into_iter().any(|end| named(end) == Some(true))
+                || workspaces
+                    .iter()
+                    .any(|folder| real(path).starts_with(folder))
         } else {
             real(path).starts_with(&output)
         }

@@ -1,6 +1,7 @@
 //! Many images, whose results go into a folder.
 
 use super::calibration::Calibration;
+use super::export;
 use super::failures::Failures;
 use super::flow;
 use super::frame::Engine;
@@ -14,6 +15,7 @@ use super::video::{Before, Chain};
 use crate::cli::{Exit, ui};
 use lsdc_eval::data::{self, Shard};
 use lsdc_eval::predict::GuideSpec;
+use lsdc_files::Workspace;
 use lsdc_files::error::{Error, Result};
 use std::collections::HashSet;
 use std::path::Path;
@@ -49,15 +51,20 @@ pub(super) fn run(settings: &Settings) -> Result<Exit> {
             .hint("leave it out, or write the images to files"));
     }
     let failures = Failures::new(settings.json);
-    let jobs = inputs::many(settings, output, &failures)?;
+    let model = inputs::model(settings)?;
+    let workspaces = export::workspaces(settings, model.as_ref(), output)?;
+    let jobs = inputs::many(settings, model.as_ref(), output, &failures)?;
     let records = Records::new(settings, output)?;
-    let Plan { left, there } = Plan::of(settings, output, jobs, &records)?;
+    let Plan { left, there } = Plan::of(settings, &workspaces, output, jobs, &records)?;
     let folders: HashSet<&Path> = left.iter().map(|frame| frame.outputs.folder()).collect();
     for folder in folders {
         data::check_writable(folder)?;
         data::remove_leftovers(folder);
     }
     let engine = Engine::new(settings, settings.json)?;
+    for workspace in &workspaces {
+        workspace.create(settings.force)?;
+    }
     let stop = ui::stop_flag();
     let bar = ui::bar(left.len(), "frames");
     let failures = failures.beside(&bar);
@@ -98,6 +105,7 @@ pub(super) fn run(settings: &Settings) -> Result<Exit> {
 
     let (done, failed) = (tally.count(), failures.count());
     tally.print_totals(there, failed);
+    export::finish(&workspaces, settings.json)?;
     if !settings.json {
         ui::tell(&format!("written   {}", output.display()));
     }
@@ -132,6 +140,7 @@ impl<'a> Plan<'a> {
     /// but an equal.
     fn of(
         settings: &'a Settings,
+        workspaces: &'a [Workspace],
         output: &Path,
         jobs: Vec<Job>,
         records: &Records,
@@ -145,7 +154,7 @@ impl<'a> Plan<'a> {
         // A frame of a video depends on all before it.
         let mut unbroken = true;
         for job in jobs {
-            let outputs = Outputs::below(settings, output, &job);
+            let outputs = Outputs::below(settings, workspaces, output, &job);
             outputs.check_apart(&job)?;
             let this = outputs.weights().map(|weights| Before {
                 weights: weights.to_owned(),

@@ -2,6 +2,7 @@
 
 mod bag;
 mod calibration;
+mod export;
 mod failures;
 mod flow;
 mod frame;

@@ -1,5 +1,6 @@
 //! The files of a result.
 
+use super::export::{Export, Exported};
 use super::frame::Completed;
 use super::inputs::Job;
 use super::loaded::Loaded;
@@ -9,8 +10,8 @@ use super::summary::Summary;
 use crate::cli::args::Format;
 use lsdc_eval::data::{self, ColoredCloud, DepthMap, Unit};
 use lsdc_eval::report::{colour_map, usual_range};
-use lsdc_files::DescribedPng;
 use lsdc_files::error::{Error, Result};
+use lsdc_files::{DescribedPng, Workspace};
 use std::path::{Path, PathBuf};
 
 /// The files of a result.
@@ -18,6 +19,8 @@ pub(super) struct Outputs<'a> {
     settings: &'a Settings,
     folder: PathBuf,
     files: Vec<(Kind, PathBuf)>,
+    /// The image in the workspaces for other programs.
+    export: Option<Export<'a>>,
     /// Of a video, where the weights are kept that the next frame starts from.
     state: Option<PathBuf>,
 }
@@ -29,6 +32,7 @@ pub(super) struct FormatData {
     pub(super) color_range: Option<(f32, f32)>,
     pub(super) png: Option<DescribedPng>,
     pub(super) cloud: Option<ColoredCloud>,
+    pub(super) exported: Option<Exported>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,12 +65,18 @@ impl<'a> Outputs<'a> {
     }
 
     /// Of one image among many.
-    pub(super) fn below(settings: &'a Settings, output: &Path, job: &Job) -> Self {
+    pub(super) fn below(
+        settings: &'a Settings,
+        workspaces: &'a [Workspace],
+        output: &Path,
+        job: &Job,
+    ) -> Self {
         let folder = match job.name.parent() {
             Some(below) if !below.as_os_str().is_empty() => &output.join(below),
             _ => output,
         };
         Self {
+            export: Export::of(workspaces, job),
             state: settings.temporal.then(|| record::state(output, job)),
             ..Self::of(settings, folder, &job.name)
         }
@@ -90,6 +100,7 @@ impl<'a> Outputs<'a> {
             settings,
             folder: folder.to_owned(),
             files,
+            export: None,
             state: None,
         }
     }
@@ -170,18 +181,26 @@ impl<'a> Outputs<'a> {
             color_range: self.settings.writes(Format::Color).then(range),
             png: self.settings.writes(Format::Png).then(png).transpose()?,
             cloud: self.settings.writes(Format::Ply).then(cloud).transpose()?,
+            exported: self
+                .export
+                .as_ref()
+                .map(|export| export.encode(self.settings, frame, found))
+                .transpose()?,
         })
     }
 
     /// Whether any of the files is there.
     pub(super) fn any_exists(&self) -> bool {
         self.files.iter().any(|(_, path)| data::would_replace(path))
+            || self.export.as_ref().is_some_and(Export::any_exists)
     }
 
     /// Whether all files are there; a pipe or device keeps nothing.
     pub(super) fn exist(&self) -> bool {
         let mut files = self.files.iter().map(|(_, path)| path);
-        files.all(|path| path.is_file()) && self.state.as_ref().is_none_or(|path| path.is_file())
+        files.all(|path| path.is_file())
+            && self.export.as_ref().is_none_or(Export::exists)
+            && self.state.as_ref().is_none_or(|path| path.is_file())
     }
 
     /// Writes what was asked for. An existing file is replaced only by an equal one, or with
@@ -206,12 +225,15 @@ impl<'a> Outputs<'a> {
                     .hint("give --force to replace it, or -o DIR to write elsewhere"));
             }
         }
-        if !self.folder.as_os_str().is_empty() {
+        if !self.folder.as_os_str().is_empty() && !self.files.is_empty() {
             std::fs::create_dir_all(&self.folder).map_err(|e| Error::write(&self.folder, e))?;
         }
         self.files
             .iter()
             .try_for_each(|(kind, path)| result.write(*kind, path))?;
+        if let (Some(export), Some(exported)) = (&self.export, &format_data.exported) {
+            export.write(exported, self.settings.force)?;
+        }
         match (&self.state, &found.diagnostics) {
             (Some(path), Some(found)) => write_weights(path, found.completion.weights()),
             _ => Ok(()),

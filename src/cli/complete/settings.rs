@@ -3,11 +3,11 @@
 use crate::cli::args::{Complete, Format, Model, Recorded};
 use lsdc_core::fit::{Changes, FitConfig};
 use lsdc_core::{DepthNoise, Quality};
-use lsdc_eval::data::{Camera, DepthKind, Shard, Unit};
+use lsdc_eval::data::{Camera, Colmap, DepthKind, Shard, Unit};
 use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
-use lsdc_files::CloudOptions;
 use lsdc_files::error::{Error, Result};
+use lsdc_files::{CloudOptions, WorkspaceFormat};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +53,8 @@ pub(super) struct Settings {
     /// Depths of the first and the last colour of colour maps.
     pub(super) range: Option<(f32, f32)>,
     pub(super) max_sigma: Option<f32>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub(super) max_relative_sigma: Option<f32>,
     voxel: Option<f64>,
     keep_flying: bool,
     /// Whether files of depths hold standard deviations, too.
@@ -63,6 +65,9 @@ pub(super) struct Settings {
     pub(super) outliers: bool,
     #[serde(skip)]
     pub(super) formats: Vec<Format>,
+    /// Programs that workspaces are written for.
+    #[serde(skip)]
+    pub(super) exports: Vec<WorkspaceFormat>,
     #[serde(skip)]
     pub(super) destination: Destination,
     #[serde(skip)]
@@ -111,8 +116,10 @@ impl Settings {
             }
             (Destination::File(path), None) => Format::of(path).into_iter().collect(),
             (_, Some(formats)) => formats.clone(),
+            (_, None) if !args.export.is_empty() => Vec::new(),
             (_, None) => DEFAULT_FORMATS.to_vec(),
         };
+        check_export(&args)?;
         if let Some(option) = args.of_clouds()
             && !formats.contains(&Format::Ply)
         {
@@ -145,6 +152,8 @@ impl Settings {
             depth_kind,
             camera,
             formats: _,
+            export,
+            max_relative_sigma,
             range,
             max_sigma,
             voxel,
@@ -190,11 +199,13 @@ impl Settings {
             preserve_input,
             range,
             max_sigma,
+            max_relative_sigma,
             voxel,
             keep_flying,
             uncertainty,
             outliers,
             formats,
+            exports: distinct(export),
             destination,
             shard,
             force,
@@ -227,6 +238,37 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
+/// Checks that workspaces are of images of a COLMAP model, with the cameras of the model.
+fn check_export(args: &Complete) -> Result<()> {
+    if args.export.is_empty() {
+        return Ok(());
+    }
+    if is_one(&args.rgb) {
+        let what = "`--export` writes workspaces of several images";
+        return Err(Error::config(what).hint("give the folder of images, and -o DIR"));
+    }
+    if args.rgb.is_empty() || !Colmap::is_at(&args.sparse) {
+        let what = "`--export` needs the poses of a COLMAP model";
+        return Err(Error::config(what).hint("give its folder, such as sparse/0, as the points"));
+    }
+    if args.camera.is_some() {
+        let what = "`--export` writes the cameras of the model, not `--camera`";
+        return Err(Error::config(what).hint("leave --camera out"));
+    }
+    Ok(())
+}
+
+/// The elements without those that were there before.
+fn distinct(exports: Vec<WorkspaceFormat>) -> Vec<WorkspaceFormat> {
+    let mut found = Vec::new();
+    for export in exports {
+        if !found.contains(&export) {
+            found.push(export);
+        }
+    }
+    found
+}
+
 /// Checks that options of the fit are given for a method that has one.
 fn check_method(args: &Complete) -> Result<()> {
     if args.method == Method::Lsdc {
@@ -239,6 +281,7 @@ fn check_method(args: &Complete) -> Result<()> {
         ("`--guide`", args.guide.is_some()),
         ("`--uncertainty`", args.uncertainty),
         ("`--max-sigma`", args.max_sigma.is_some()),
+        ("`--max-relative-sigma`", args.max_relative_sigma.is_some()),
         ("`--outliers`", args.outliers),
         ("`--temporal`", args.temporal),
         ("`--full`", args.full),

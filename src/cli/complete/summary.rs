@@ -1,5 +1,6 @@
 //! A completed frame in numbers, as reports have it; `lines` puts it into words.
 
+use super::export::{ExportCounts, Exported};
 use super::frame::{Completed, LeftEmpty};
 use super::loaded::{Loaded, Noise};
 use super::outputs::FormatData;
@@ -30,6 +31,9 @@ pub(super) struct Summary {
     png: Option<DescribedPng>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) cloud: Option<DescribedCloud>,
+    /// In workspaces for other programs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) exported: Option<ExportCounts>,
     /// If it is not the standard one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) quality: Option<Quality>,
@@ -152,6 +156,7 @@ impl Summary {
             color_range: format_data.color_range,
             png: format_data.png,
             cloud: format_data.cloud.as_ref().map(DescribedCloud::from),
+            exported: format_data.exported.as_ref().map(Exported::counts),
             quality: (found.quality != Quality::Standard).then_some(found.quality),
             guide: found.guide.clone(),
             fit: fit.map(|fit| {

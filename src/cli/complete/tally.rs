@@ -1,5 +1,6 @@
 //! Counts and warnings of many completed frames.
 
+use super::export::ExportCounts;
 use super::lines::{left_out_of_clouds, left_out_of_points, raised};
 use super::summary::Summary;
 use crate::cli::ui::{self, counted};
@@ -19,6 +20,8 @@ pub(super) struct Tally<'a> {
     left_out_of_points: [usize; 4],
     left_empty: usize,
     left_out_of_clouds: [usize; 3],
+    /// With workspaces for other programs.
+    exported: Option<ExportCounts>,
     skewed: usize,
 }
 
@@ -60,6 +63,7 @@ impl<'a> Tally<'a> {
             left_out_of_points: [0; 4],
             left_empty: 0,
             left_out_of_clouds: [0; 3],
+            exported: None,
             skewed: 0,
         }
     }
@@ -86,6 +90,9 @@ impl<'a> Tally<'a> {
         let pairs = self.left_out_of_clouds.iter_mut();
         let pairs = pairs.zip(summary.left_out_of_cloud());
         pairs.for_each(|(sum, count)| *sum += count);
+        if let Some(counts) = summary.exported {
+            self.exported.get_or_insert_default().add(counts);
+        }
         self.skewed += usize::from(summary.is_skewed());
         self.bar.inc(1);
         if self.json {
@@ -136,6 +143,9 @@ impl<'a> Tally<'a> {
             tell(&format!(
                 "empty     {pixels} left empty: standard deviation above --max-sigma"
             ));
+        }
+        if let Some(counts) = self.exported {
+            counts.lines().iter().for_each(|line| tell(line));
         }
         let lost = left_out_of_clouds(self.left_out_of_clouds);
         let lost = lost.map(|lost| format!("clouds    {lost}"));

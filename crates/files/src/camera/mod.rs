@@ -10,7 +10,7 @@ use super::Orientation;
 use super::grid::{pixel, same_shape};
 use crate::error::{Error, Result};
 use crate::pose::Pose;
-use lsdc_core::Lens;
+use lsdc_core::{DepthMap, Lens};
 use std::fmt::{Display, Formatter};
 
 /// The camera of an image that is shown upright, whatever way its file stores it.
@@ -183,6 +183,24 @@ impl Camera {
             stored.0, stored.1
         );
         Ok((camera, Some(what)))
+    }
+
+    /// A map of the upright image in the order of the stored pixels; `None` if the image is stored upright.
+    ///
+    /// # Errors
+    /// None for maps of a plausible size.
+    pub fn as_stored(&self, map: &DepthMap) -> Result<Option<DepthMap>> {
+        let Some(turned) = self.turned.filter(|turned| !turned.is_upright()) else {
+            return Ok(None);
+        };
+        let turned = turned.resized((map.width(), map.height()));
+        let (width, height) = turned.stored();
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
+        let values = pixels.map(|pixel| {
+            let [u, v] = turned.turned(pixel.map(|v| v as f64));
+            map.at(u as usize, v as usize)
+        });
+        Ok(Some(DepthMap::new(width, height, values.collect())?))
     }
 
     /// What should be checked of the camera of an image, a sentence each: what its file does not say and was assumed, and

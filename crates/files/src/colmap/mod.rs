@@ -66,6 +66,13 @@ impl Colmap {
         forms.iter().any(|path| path.exists())
     }
 
+    /// The names of the files that a model may have, in both forms.
+    pub(super) fn files() -> impl Iterator<Item = String> {
+        let names = ["cameras", "images", "points3D", "rigs", "frames"];
+        let forms = |name| [BINARY, TEXT].map(|form| format!("{name}.{form}"));
+        names.into_iter().flat_map(forms)
+    }
+
     /// Reads the folder that holds `cameras`, `images` and `points3D`, and from COLMAP 3.12 on `rigs` and `frames`: all
     /// `.bin` or all `.txt`, of both the former. The poses of frames and rigs override those of images, as in COLMAP.
     ///

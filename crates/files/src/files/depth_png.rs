@@ -95,15 +95,29 @@ fn stored(depth: &DepthMap, scale: f64) -> std::result::Result<Vec<u8>, String> 
 }
 
 fn encode(out: &mut dyn Write, depth: &DepthMap, values: &[u8], scale: f64) -> std::io::Result<()> {
-    let size = (depth.width() as u32, depth.height() as u32);
     let text = (KEYWORD, format!("{}", 1.0 / scale));
-    write_png(
-        out,
-        size,
-        (ColorType::Grayscale, BitDepth::Sixteen),
-        text,
-        values,
-    )
+    write_grey16(out, (depth.width(), depth.height()), values, text)
+}
+
+/// The bytes of a 16-bit grey PNG of this width and height with a text chunk: its keyword and its text. `values` are row by
+/// row.
+pub(crate) fn encode_grey16(
+    size: (usize, usize),
+    values: &[u16],
+    text: (&str, String),
+) -> Result<Vec<u8>> {
+    let values: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
+    encoded("a PNG", |bytes| write_grey16(bytes, size, &values, text))
+}
+
+fn write_grey16(
+    out: &mut dyn Write,
+    (width, height): (usize, usize),
+    values: &[u8],
+    text: (&str, String),
+) -> std::io::Result<()> {
+    let kind = (ColorType::Grayscale, BitDepth::Sixteen);
+    write_png(out, (width as u32, height as u32), kind, text, values)
 }
 
 /// Writes a PNG with a text chunk: its keyword and its text.

@@ -23,6 +23,7 @@ mod tiff;
 mod velodyne;
 
 pub use colour_map::write_colour_map;
+pub(super) use depth_png::encode_grey16;
 pub use depth_png::{encode_depth_png, png_unit, raised_in_png, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::{encode_exr, write_exr};
@@ -42,6 +43,7 @@ pub(super) use picture::image_kind;
 pub use picture::{UprightImage, image_size, is_depth_image, read_rgb, read_upright, write_rgb};
 pub use ply::{ColoredPoint, are_far, encode_ply, write_ply};
 pub use quiet::hide_caught_panics;
+pub(super) use save::link_or_copy;
 pub use save::{
     AtomicFile, check_output, check_writable, remove_leftovers, would_replace, write_atomically,
     write_folder_atomically,

@@ -97,6 +97,27 @@ impl Seek for AtomicFile {
     }
 }
 
+/// Makes `target` a hard link to the file at `source`, or a copy of it where the file system has no links. A file at
+/// `target` is replaced as by [`write_atomically`].
+///
+/// # Errors
+/// The file cannot be read, or the target cannot be written.
+pub(crate) fn link_or_copy(source: &Path, target: &Path) -> Result<()> {
+    // The link of a symbolic link would be one, and lead elsewhere if it is relative.
+    let source = source.canonicalize().map_err(|e| Error::read(source, e))?;
+    let linked = tempfile::Builder::new()
+        .prefix(UNFINISHED.0)
+        .suffix(UNFINISHED.1)
+        .make_in(parent(target), |path| std::fs::hard_link(&source, path));
+    if let Ok(link) = linked
+        && link.persist(target).is_ok()
+    {
+        return Ok(());
+    }
+    let mut file = File::open(&source).map_err(|e| Error::read(&source, e))?;
+    write_atomically(target, |out| std::io::copy(&mut file, out).map(|_| ()))
+}
+
 /// What a path names, through any links.
 #[derive(Debug, PartialEq, Eq)]
 enum Target {
