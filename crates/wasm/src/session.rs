@@ -14,7 +14,7 @@ const MOST_TESTED: usize = 10_000;
 /// Bytes of a row of points.
 const ROW: usize = 4 * size_of::<f64>();
 /// Pixels of an image. The memory of an instance ends at 4 GiB, and running out of it stops the instance.
-const MOST_PIXELS: usize = 1 << 24;
+const MOST_PIXELS: usize = 1 << 25;
 
 #[derive(Default)]
 pub(crate) struct Session {
