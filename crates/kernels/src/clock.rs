@@ -3,8 +3,8 @@
 #[cfg(not(all(target_arch = "wasm32", target_os = "unknown")))]
 pub use std::time::Instant;
 
-/// Takes the place of [`std::time::Instant`], which panics where WebAssembly has no host interface: all run times are 0.
-/// Whoever runs the module measures them from outside.
+/// Takes the place of [`std::time::Instant`], which panics where WebAssembly has no host interface: all run times are
+/// 0. Whoever runs the module measures them from outside.
 #[cfg(all(target_arch = "wasm32", target_os = "unknown"))]
 #[derive(Clone, Copy, Debug)]
 pub struct Instant;

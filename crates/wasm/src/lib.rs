@@ -1,8 +1,9 @@
 //! The WebAssembly module of the npm package `lsdc`: a few exports, and no imports.
 //!
 //! An instance of the module has one completer and any number of scenes. Its JavaScript (`npm/src/module.ts`) asks
-//! [`lsdc_input`] where to write the bytes of an argument, calls a function, and copies its outputs. A function that returns
-//! 0 has failed: its text is then an [error](error::Error) in JSON. No export follows an address that JavaScript gives.
+//! [`lsdc_input`] where to write the bytes of an argument, calls a function, and copies its outputs. A function that
+//! returns 0 has failed: its text is then an error in JSON (`error.rs`). No export follows an address that JavaScript
+//! gives.
 //!
 //! The target has no threads and no clock. Work runs on the calling thread, and JavaScript measures run times.
 
@@ -34,7 +35,8 @@ fn run(work: impl FnOnce(&mut Session) -> Result<u32>) -> u32 {
     })
 }
 
-/// Prepares the instance, and returns the address of the [message](panic) of a panic. Call it once, before anything else.
+/// Prepares the instance, and returns the address of the message of a panic (`panic.rs`). Call it once, before
+/// anything else.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_start() -> *const u8 {
     panic::keep_message()
@@ -52,15 +54,15 @@ pub extern "C" fn lsdc_load() -> u32 {
     run(Session::load)
 }
 
-/// Makes a scene from an image, the input: rows of pixels of 1 (grey), 3 (RGB) or 4 (RGBA) bytes. `best`, unless it is 0,
-/// completes the mirror image too. Returns the scene's number.
+/// Makes a scene from an image, the input: rows of pixels of 1 (grey), 3 (RGB) or 4 (RGBA) bytes. `best`, unless it
+/// is 0, completes the mirror image too. Returns the scene's number.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_scene(width: usize, height: usize, channels: usize, best: u32) -> u32 {
     run(|session| session.scene((width, height), channels, best != 0))
 }
 
 /// Fits a scene to `count` points. The input is a row of four 64-bit floats for each, column, row, depth and standard
-/// deviation (NaN if it is unknown), then [options](options::Options) in JSON. The text is then a report.
+/// deviation (NaN if it is unknown), then options in JSON (`options.rs`). The text is then a report.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_complete(scene: u32, count: usize) -> u32 {
     run(|session| session.complete(scene, count))
@@ -84,8 +86,9 @@ pub extern "C" fn lsdc_text_length() -> usize {
     SESSION.with_borrow(|session| session.text().len())
 }
 
-/// The address of an output of the last completion, 32-bit floats: 0, the depth of every pixel; 1, its standard deviation; 2,
-/// the residual of every point; 3, its leave-one-out error. It is valid until the next call of any other function.
+/// The address of an output of the last completion, 32-bit floats: 0, the depth of every pixel; 1, its standard
+/// deviation; 2, the residual of every point; 3, its leave-one-out error. It is valid until the next call of any
+/// other function.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_output(which: usize) -> *const f32 {
     SESSION.with_borrow(|session| session.output(which).as_ptr())

@@ -1,6 +1,7 @@
 //! The message of a panic, which JavaScript reads after the instance has stopped.
 //!
-//! A panic of this target ends in a trap, and nothing of the instance can be called afterwards. Its memory can still be read.
+//! A panic of this target ends in a trap, and nothing of the instance can be called afterwards. Its memory can still
+//! be read.
 
 use std::cell::Cell;
 

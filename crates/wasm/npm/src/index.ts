@@ -20,6 +20,12 @@ export type { ImageSource, Pixels } from "./images.ts";
 export type { Points, Row } from "./points.ts";
 export type * from "./types.ts";
 
+/** Written out, so that bundlers find the files. */
+const WEIGHTS = {
+  default: new URL("./weights/default.safetensors", import.meta.url),
+  small: new URL("./weights/small.safetensors", import.meta.url),
+};
+
 /** A network and its settings, in memory of its own. */
 export class Completer {
   private readonly instance: Instance;
@@ -100,8 +106,7 @@ async function contents(weights: Weights): Promise<Uint8Array> {
   if (weights instanceof Uint8Array) return weights;
   if (weights instanceof ArrayBuffer) return new Uint8Array(weights);
   if (weights instanceof URL) return fetched(weights, "the weights");
-  if (weights !== "default" && weights !== "small") {
-    throw new LsdcError("settings", `there are no weights "${String(weights)}"`, 'give "default", "small", a URL or the contents of a file');
-  }
-  return fetched(new URL(`./weights/${weights}.safetensors`, import.meta.url), "the weights");
+  const address = Object.hasOwn(WEIGHTS, weights) ? WEIGHTS[weights] : null;
+  if (!address) throw new LsdcError("settings", `there are no weights "${String(weights)}"`, 'give "default", "small", a URL or the contents of a file');
+  return fetched(address, "the weights");
 }

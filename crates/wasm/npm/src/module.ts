@@ -78,41 +78,47 @@ export class Instance {
     });
   }
 
-  /** The report of a completion of points in rows of four numbers. */
+  /** The report of a completion of points in rows of four numbers, in JSON. */
   complete(scene: number, rows: Float64Array, options: object): string {
     return this.run((exports) => {
       const bytes = new Uint8Array(rows.buffer, rows.byteOffset, rows.byteLength);
-      this.write(exports, [bytes, new TextEncoder().encode(JSON.stringify(options))]);
+      this.write(exports, [bytes, new TextEncoder().encode(json(options))]);
       return exports.lsdc_complete(scene, rows.length / 4) && this.text(exports);
     });
   }
 
   /** A copy of an output of the last completion; null if there is none. */
   output(which: number): Float32Array | null {
-    return this.run((exports) => {
+    return this.guarded((exports) => {
       const length = exports.lsdc_output_length(which);
-      return length > 0 ? [new Float32Array(exports.memory.buffer, exports.lsdc_output(which), length).slice()] : [null];
-    })[0]!;
+      return length > 0 ? new Float32Array(exports.memory.buffer, exports.lsdc_output(which) >>> 0, length).slice() : null;
+    });
   }
 
   freeScene(scene: number): void {
-    if (this.exports && !this.stopped) this.run((exports) => (exports.lsdc_free(scene), true));
+    if (this.exports && !this.stopped) this.guarded((exports) => exports.lsdc_free(scene));
   }
 
-  /** Calls the module. What is falsy is a failure, and a trap is the end of the instance: its state may be half changed. */
-  private run<T>(work: (exports: Exports) => T | 0): T {
+  /** Calls a function that returns 0 if it fails. */
+  private run<T>(work: (exports: Exports) => T | 0 | ""): T {
+    return this.guarded((exports) => {
+      const result = work(exports);
+      if (result) return result;
+      const { kind, message, hint } = JSON.parse(this.text(exports)) as { kind: ErrorKind; message: string; hint: string | null };
+      throw new LsdcError(kind, message, hint);
+    });
+  }
+
+  /** Uses the module. A trap is the end of the instance, whose state may be half changed. */
+  private guarded<T>(work: (exports: Exports) => T): T {
     if (this.stopped) throw this.stopped;
     if (!this.exports) throw new LsdcError("use", "the completer was freed before", "load another one");
-    let result: T | 0;
     try {
-      result = work(this.exports);
+      return work(this.exports);
     } catch (cause) {
       if (cause instanceof LsdcError) throw cause;
       throw (this.stopped = this.trap(this.exports, cause));
     }
-    if (result) return result;
-    const { kind, message, hint } = JSON.parse(this.text(this.exports)) as { kind: ErrorKind; message: string; hint: string | null };
-    throw new LsdcError(kind, message, hint);
   }
 
   private trap(exports: Exports, cause: unknown): LsdcError {
@@ -141,4 +147,12 @@ export class Instance {
     const bytes = new Uint8Array(exports.memory.buffer, exports.lsdc_text() >>> 0, exports.lsdc_text_length());
     return new TextDecoder().decode(bytes);
   }
+}
+
+/** Options in JSON, which has no NaN: it would become null, which leaves an option as it is. */
+function json(options: object): string {
+  return JSON.stringify(options, (name, value: unknown) => {
+    if (typeof value === "number" && !Number.isFinite(value)) throw new LsdcError("settings", `the option \`${name}\` is ${value}`);
+    return value;
+  });
 }

@@ -17,6 +17,8 @@ export type { ImageSource, Pixels } from "./images.ts";
 export type { Points, Row } from "./points.ts";
 export type * from "./types.ts";
 
+const SAME_SITE = "the files of the package must be on the site of the page";
+
 interface Waiting {
   resolve(result: number | Completion): void;
   reject(error: LsdcError): void;
@@ -24,12 +26,17 @@ interface Waiting {
 
 /** Calls of a worker, and their replies. */
 class Calls {
-  private readonly worker = new Worker(new URL("./thread.js", import.meta.url), { type: "module" });
+  private readonly worker: Worker;
   private readonly waiting = new Map<number, Waiting>();
   private ended: LsdcError | null = null;
   private last = 0;
 
   constructor() {
+    try {
+      this.worker = new Worker(new URL("./thread.js", import.meta.url), { type: "module" });
+    } catch (cause) {
+      throw new LsdcError("load", `the worker cannot be started: ${cause instanceof Error ? cause.message : String(cause)}`, SAME_SITE, { cause });
+    }
     this.worker.addEventListener("message", ({ data }: MessageEvent<Reply>) => {
       const waiting = this.waiting.get(data.id);
       this.waiting.delete(data.id);
@@ -38,7 +45,7 @@ class Calls {
       waiting?.reject(new LsdcError(kind, message, hint));
     });
     this.worker.addEventListener("error", ({ message }) => {
-      this.end(new LsdcError("load", `the worker cannot run: ${message || "its script cannot be fetched"}`, "the files of the package must be on the site of the page"));
+      this.end(new LsdcError("load", `the worker cannot run: ${message || "its script cannot be fetched"}`, SAME_SITE));
     });
   }
 

@@ -141,7 +141,7 @@ test("arguments that cannot be used are refused", async () => {
   assert.equal(thrown(() => scene.complete(known, { columns: 5 })).kind, "use");
   assert.equal(thrown(() => scene.complete(known, { robust: "strong" })).kind, "settings");
   assert.match(thrown(() => scene.complete(known, { colour: 1 })).message, /colour/);
-  assert.equal(thrown(() => scene.complete(known, { sigma: -1 })).kind, "settings");
+  for (const sigma of [-1, 0, NaN, Infinity, "0.1"]) assert.equal(thrown(() => scene.complete(known, { sigma })).kind, "settings");
   assert.equal((await rejected(Completer.load({ weights: "tiny" }))).kind, "settings");
   assert.equal((await rejected(Completer.load({ weights: new Uint8Array(100) }))).kind, "weights");
   const file = readFileSync(join(npm, "dist/weights/small.safetensors"));

@@ -8,6 +8,9 @@ import * as png from "./png.ts";
 
 export const READS = "Images: JPEG, PNG, WebP, BMP. Points: depth maps (npy, 16-bit png), tables (csv, txt).";
 
+/** What 16-bit maps hold where nothing was measured, beside 0. */
+const LARGEST = 65_535;
+
 interface Size {
   readonly width: number;
   readonly height: number;
@@ -39,8 +42,12 @@ export async function read(file: File, size: Size): Promise<Read> {
       const map = await png.read(await file.arrayBuffer());
       if (!map) throw refused(`\`${file.name}\` is no PNG of 16-bit grey without interlacing`, "depths need 16 bits; as npy they can be floats");
       const perMetre = map.perMetre ?? 1000;
-      const remarks = map.perMetre === null ? [`\`${file.name}\` says no unit; its depths are taken for millimetres`] : [];
-      return { points: pixels(file.name, map, size, perMetre), remarks };
+      const marks = map.values.reduce((marks, value) => marks + Number(value === LARGEST), 0);
+      const remarks = [
+        ...(map.perMetre === null ? [`\`${file.name}\` has no unit; its depths are taken for millimetres`] : []),
+        ...(marks > 0 ? [`${count(marks)} pixels are ${LARGEST}, the largest number of 16 bits, and are left out`] : []),
+      ];
+      return { points: pixels(file.name, { ...map, values: map.values.map((value) => (value === LARGEST ? 0 : value)) }, size, perMetre), remarks };
     }
     default:
       throw refused(`this page does not read points from \`${file.name}\``, "give npy, csv or a 16-bit png; `lsdc view` reads all formats");
