@@ -60,7 +60,7 @@ async function same(): Promise<void> {
 test("the demo is completed as by the native library", async (t) => {
   const started = Date.now();
   await page.click(".demo");
-  await page.waitForFunction(() => document.querySelector(".numbers dd")?.textContent?.includes("m"));
+  await page.waitForFunction(() => document.querySelector(".numbers .time")?.textContent?.startsWith("fit"));
   t.diagnostic(`first map after ${Date.now() - started} ms`);
   await settled(page);
   await same();
