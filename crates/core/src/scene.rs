@@ -19,10 +19,11 @@ use crate::observations::Observations;
 use crate::resize::resized;
 use crate::upsampling::Upsampling;
 use crate::usable::UsableObservations;
+use lsdc_kernels::clock::Instant;
 use lsdc_kernels::schedule::join;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// The most points whose basis functions are in memory at once.
 const MOST_EVALUATED: usize = 1 << 13;

@@ -17,6 +17,7 @@
 
 pub mod attention;
 pub mod cholesky;
+pub mod clock;
 pub mod conv;
 pub mod gather;
 pub mod norm;

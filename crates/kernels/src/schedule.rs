@@ -15,9 +15,10 @@
 //! # Ok::<(), rayon::ThreadPoolBuildError>(())
 //! ```
 
+use crate::clock::Instant;
 use rayon::prelude::*;
 use std::cell::{Cell, RefCell};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// The segments of a task, in their order.
 #[derive(Clone, Debug, Default)]

@@ -1,7 +1,8 @@
 // Builds `dist`, which is committed: the program takes it in as it is. `--check` builds into a temporary folder and
-// fails if a byte differs; the output depends on sources and lock file alone.
+// fails if a byte differs; the output depends on sources and lock file alone. `--web FOLDER` builds the page that needs no
+// program, with the module and the weights of the npm package, which must be built.
 import { build } from "esbuild";
-import { cp, mkdtemp, readFile, readdir, rm } from "node:fs/promises";
+import { cp, mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -10,10 +11,10 @@ const here = fileURLToPath(new URL(".", import.meta.url));
 const committed = join(here, "dist");
 const LARGEST = 1_000_000;
 
-async function into(folder) {
+async function into(folder, entryPoints) {
   await build({
     absWorkingDir: here,
-    entryPoints: { app: "src/main.ts" },
+    entryPoints,
     outdir: folder,
     bundle: true,
     minify: true,
@@ -31,10 +32,24 @@ async function contents(folder) {
   return new Map(await Promise.all(names.map(async (name) => [name, await readFile(join(folder, name))])));
 }
 
+async function web(folder) {
+  const [npm, room] = [join(here, "../../wasm/npm"), join(here, "../../../assets/room")];
+  await mkdir(folder, { recursive: true });
+  await into(folder, { app: "src/web.ts", thread: join(npm, "src/thread.ts") });
+  for (const file of ["lsdc.wasm", "weights/default.safetensors"]) await cp(join(npm, "dist", file), join(folder, file));
+  for (const file of ["rgb.png", "sparse.npy"]) await cp(join(room, file), join(folder, "demo/room", file));
+  const demos = [{ name: "room", title: "A rendered room", image: "demo/room/rgb.png", points: "demo/room/sparse.npy" }];
+  await writeFile(join(folder, "demo/demos.json"), JSON.stringify(demos));
+}
+
+if (process.argv[2] === "--web") {
+  await web(process.argv[3]);
+  process.exit();
+}
 const check = process.argv.includes("--check");
 const folder = check ? await mkdtemp(join(tmpdir(), "lsdc-page-")) : committed;
 if (!check) await rm(folder, { recursive: true, force: true });
-await into(folder);
+await into(folder, { app: "src/view.ts" });
 const made = await contents(folder);
 const bytes = [...made.values()].reduce((sum, file) => sum + file.length, 0);
 console.log(`${made.size} files, ${(bytes / 1000).toFixed(1)} kB`);

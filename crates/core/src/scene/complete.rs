@@ -6,7 +6,7 @@ use crate::error::{FitError, Result};
 use crate::fit::{BasisValues, EvaluateBasis, FitMethod, PriorKind, fit};
 use crate::observations::Observations;
 use crate::usable::UsableObservations;
-use std::time::Instant;
+use lsdc_kernels::clock::Instant;
 
 /// How much closer the weights are expected to be to those of the previous frame than to those of an
 /// arbitrary image, as a ratio of variances.

@@ -8,7 +8,7 @@ import { count } from "./model/numbers.ts";
 import { assumed } from "./model/camera.ts";
 import { sampled, subset, type Point } from "./model/points.ts";
 import { DRAFT, renewed, VIEW, type Draft, type Fit, type View } from "./model/settings.ts";
-import * as service from "./service.ts";
+import { FORMATS, ServiceError, type Demo, type Format, type Intrinsics, type Service } from "./service.ts";
 import { Store, type Notice, type Pixel, type Scene } from "./state.ts";
 
 /** More points than these come thinned out; a slider takes all of them. */
@@ -27,10 +27,14 @@ export class App {
     fitting: false, waiting: null, notice: null, canUndo: false, canRedo: false,
   });
   private history = new History<Draft>(DRAFT);
-  private readonly fitter = new Fitter(this.store, (scene) => this.renew(scene), (error) => this.fail(error));
+  private readonly fitter: Fitter;
   /** Settings of a link whose image is not open yet. */
   private linked: link.Linked | null = null;
   private addressTimer = 0;
+
+  constructor(readonly service: Service) {
+    this.fitter = new Fitter(service, this.store, (scene) => this.renew(scene), (error) => this.fail(error));
+  }
 
   // Opening
 
@@ -48,28 +52,39 @@ export class App {
     if (points) await this.openPoints(scene, points);
   }
 
-  async openDemo(demo: service.Demo): Promise<void> {
+  async openDemo(demo: Demo): Promise<void> {
     await this.guarded("opening the demo", async () => {
-      const [image, points] = await Promise.all([fetched(demo.image), given(demo.points)]);
+      const [image, points] = await Promise.all([this.fetched(demo.image), this.given(demo.points)]);
       await this.open({ image, points, camera: null, demo: demo.name });
     });
   }
 
   async openAddresses(image: string, points: string | number[][] | null, camera: string | null, name?: string | null): Promise<void> {
     await this.guarded("opening the image", async () => {
-      const files = await Promise.all([fetched(image, name), points ? given(points) : null, camera ? fetched(camera) : null]);
+      const files = await Promise.all([this.fetched(image, name), points ? this.given(points) : null, camera ? this.fetched(camera) : null]);
       await this.open({ image: files[0], points: files[1], camera: files[2] });
     });
+  }
+
+  private async fetched(address: string, name?: string | null): Promise<File> {
+    const contents = await this.service.file(address);
+    const last = new URL(address, location.href).pathname.split("/").pop() || "file";
+    return new File([contents], name ?? decodeURIComponent(last), { type: contents.type });
+  }
+
+  private async given(points: string | number[][]): Promise<File | Point[]> {
+    if (typeof points === "string") return this.fetched(points);
+    return points.map(([u, v, depth, sigma]) => ({ u: u!, v: v!, depth: depth!, ...(sigma !== undefined && { sigma }) }));
   }
 
   async open({ image, points, camera, demo }: Opening): Promise<void> {
     await this.guarded("computing basis functions", async () => {
       const [posted, picture] = await Promise.all([
-        service.post(image, camera),
+        this.service.post(image, camera),
         createImageBitmap(image).catch(() => null),
       ]);
       const before = this.store.state.scene;
-      if (before) service.forget(before.id);
+      if (before) this.service.forget(before.id);
       const { id, width, height } = posted;
       const source = demo ? { demo } : { file: image.name, width, height };
       const scene: Scene = {
@@ -87,7 +102,7 @@ export class App {
 
   private async openPoints(scene: Scene, file: File): Promise<void> {
     await this.guarded("reading points", async () => {
-      const layers = await service.fit(scene.id, file, this.store.state.draft.fit, ["depth"]);
+      const layers = await this.service.fit(scene.id, file, this.store.state.draft.fit, ["depth"]);
       const points = layers.points.map(({ u, v, depth, sigma }) => ({ u, v, depth, ...(sigma !== null && { sigma }) }));
       this.begin({ ...scene, pointsName: file.name, remarks: layers.report.remarks ?? [] }, points);
     });
@@ -111,7 +126,7 @@ export class App {
   }
 
   private async renew(scene: Scene): Promise<Scene> {
-    const { id } = await service.post(scene.file, scene.cameraFile);
+    const { id } = await this.service.post(scene.file, scene.cameraFile);
     const fresh = { ...(this.store.state.scene ?? scene), id };
     if (this.store.state.scene?.file === scene.file) this.store.set({ scene: fresh });
     return fresh;
@@ -119,7 +134,7 @@ export class App {
 
   close(): void {
     const { scene } = this.store.state;
-    if (scene) service.forget(scene.id);
+    if (scene) this.service.forget(scene.id);
     this.store.set({ scene: null, answer: null, selected: null, cursor: null, pending: null });
     this.restart(DRAFT);
     window.history.replaceState(null, "", location.pathname);
@@ -220,7 +235,7 @@ export class App {
   }
 
   /** The camera of the scene, or one of the assumed field of view. */
-  camera(): service.Intrinsics {
+  camera(): Intrinsics {
     const { scene, view } = this.store.state;
     if (!scene) return { fx: 1, fy: 1, cx: 0, cy: 0 };
     return scene.camera ?? assumed(scene, view.field);
@@ -228,7 +243,7 @@ export class App {
 
   // Downloads
 
-  async download(format: service.Format): Promise<{ name: string; contents: Blob } | null> {
+  async download(format: Format): Promise<{ name: string; contents: Blob } | null> {
     const { scene, draft, used, view } = this.store.state;
     if (!scene || draft.points.length === 0) return null;
     let contents: Blob | null = null;
@@ -237,11 +252,11 @@ export class App {
       const own = format === "ply" && !scene.camera;
       const options = format === "ply" ? { ...draft.fit, max_sigma: view.cut, ...(view.flying && { keep_flying: true }) } : draft.fit;
       contents = own
-        ? await service.cloud(scene.file, points, options, this.camera(), [scene.width, scene.height])
-        : await service.download(scene.id, points, options, format);
+        ? await this.service.cloud(scene, points, options, this.camera())
+        : await this.service.download(scene.id, points, options, format);
     });
     const stem = scene.name.replace(/\.[^.]*$/, "");
-    return contents ? { name: stem + service.FORMATS[format].suffix, contents } : null;
+    return contents ? { name: stem + FORMATS[format].suffix, contents } : null;
   }
 
   /** The address with all settings. */
@@ -292,7 +307,7 @@ export class App {
   }
 
   fail(error: unknown): void {
-    if (error instanceof service.ServiceError) {
+    if (error instanceof ServiceError) {
       const { message, hint, status } = error;
       const again = status === 0 || status === 429 || status === 503;
       const action = { label: "Try again", run: () => (this.dismiss(), this.fitter.request()) };
@@ -307,14 +322,3 @@ const clamped = (scene: Scene, u: number, v: number) => ({
   u: Math.min(scene.width - 1, Math.max(0, u)),
   v: Math.min(scene.height - 1, Math.max(0, v)),
 });
-
-async function fetched(address: string, name?: string | null): Promise<File> {
-  const contents = await service.file(address);
-  const last = new URL(address, location.href).pathname.split("/").pop() || "file";
-  return new File([contents], name ?? decodeURIComponent(last), { type: contents.type });
-}
-
-async function given(points: string | number[][]): Promise<File | Point[]> {
-  if (typeof points === "string") return fetched(points);
-  return points.map(([u, v, depth, sigma]) => ({ u: u!, v: v!, depth: depth!, ...(sigma !== undefined && { sigma }) }));
-}

@@ -5,17 +5,17 @@ import type { Layers } from "./model/layers.ts";
 import { median, quantiles, range, rootMeanSquare } from "./model/numbers.ts";
 import { sampled, subset } from "./model/points.ts";
 import type { Draft } from "./model/settings.ts";
-import * as service from "./service.ts";
+import { ServiceError, type Asked, type Service } from "./service.ts";
 import type { Answer, Scene, Store } from "./state.ts";
 
 const MOMENT = 140;
-const QUICK: service.Asked[] = ["depth"];
-const ALL: service.Asked[] = ["depth", "standard_deviation", "outliers"];
+const QUICK: Asked[] = ["depth"];
+const ALL: Asked[] = ["depth", "standard_deviation", "outliers"];
 
 interface Job {
   readonly scene: Scene;
   readonly draft: Draft;
-  readonly asked: service.Asked[];
+  readonly asked: Asked[];
 }
 
 export class Fitter {
@@ -31,6 +31,7 @@ export class Fitter {
   );
 
   constructor(
+    private readonly service: Service,
     private readonly store: Store,
     /** The service no longer knows the image. */
     private readonly renew: (scene: Scene) => Promise<Scene>,
@@ -56,7 +57,7 @@ export class Fitter {
     const used = subset(draft.points, draft.count);
     const indices = draft.points.flatMap((_, i) => (used[i] ? [i] : []));
     const sent = indices.map((i) => draft.points[i]!);
-    const layers = await this.patiently(scene, (id) => service.fit(id, sent, draft.fit, asked));
+    const layers = await this.patiently(scene, (id) => this.service.fit(id, sent, draft.fit, asked));
     return summary(layers, draft, indices, (performance.now() - started) / 1000, this.store.state.answer);
   }
 
@@ -67,7 +68,7 @@ export class Fitter {
     try {
       return await ask(id);
     } catch (error) {
-      if (!(error instanceof service.ServiceError)) throw error;
+      if (!(error instanceof ServiceError)) throw error;
       if (error.status === 404) return ask((await this.renew(scene)).id);
       if (error.status !== 429 && error.status !== 503) throw error;
       await new Promise((resolve) => setTimeout(resolve, 1000 * Math.min(5, error.retryAfter ?? 1)));

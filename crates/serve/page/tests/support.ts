@@ -11,7 +11,6 @@ export const VIEW = process.env.LSDC_VIEW_URL ?? "";
 export const GALLERY = process.env.LSDC_GALLERY_URL ?? "";
 export const ROOM = process.env.LSDC_ROOM ?? join(process.cwd(), "../../../assets/room");
 const PICTURES = process.env.LSDC_SCREENSHOTS ?? join(tmpdir(), "lsdc-page");
-if (!VIEW) throw new Error("LSDC_VIEW_URL is not set: the address that `lsdc view` prints");
 
 export const launch = (): Promise<Browser> =>
   chromium.launch({
@@ -33,6 +32,7 @@ export interface Visit {
 
 /** A page of its own, with the cookie that the printed address gives. */
 export async function visit(browser: Browser, fragment = "", options: BrowserContextOptions = {}, address = VIEW): Promise<Visit> {
+  if (!address) throw new Error("LSDC_VIEW_URL is not set: the address that `lsdc view` prints");
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, acceptDownloads: true, ...options });
   const page = await context.newPage();
   const faults: string[] = [];
@@ -63,10 +63,10 @@ export async function openDemo(page: Page): Promise<void> {
 }
 
 /** Opens files by their paths, or by names and contents. */
-export async function openImage(page: Page, ...files: (string | readonly [name: string, contents: string])[]): Promise<void> {
+export async function openImage(page: Page, ...files: (string | readonly [name: string, contents: string | Buffer])[]): Promise<void> {
   const payload = files.map((file) => typeof file === "string"
     ? { name: basename(file), mimeType: "image/png", buffer: readFileSync(file) }
-    : { name: file[0], mimeType: "application/octet-stream", buffer: Buffer.from(file[1]) });
+    : { name: file[0], mimeType: "application/octet-stream", buffer: typeof file[1] === "string" ? Buffer.from(file[1]) : file[1] });
   await page.locator('input[aria-label="Open an image, and its points"]').first().setInputFiles(payload);
 }
 

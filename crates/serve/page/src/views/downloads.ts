@@ -33,8 +33,7 @@ export class Downloads {
   private readonly assumed = h("p", { class: "why" });
 
   constructor(private readonly app: App) {
-    const formats = Object.keys(FORMATS) as Format[];
-    this.buttons = formats.map((format) => {
+    this.buttons = app.service.formats.map((format) => {
       const { label, note } = FORMATS[format];
       return h("button", { type: "button", class: "row", onclick: () => void this.take(format) }, h("strong", {}, label), h("span", {}, note));
     });

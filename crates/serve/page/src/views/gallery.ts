@@ -62,7 +62,7 @@ export class Gallery {
   ) {
     this.a = runs[0] ?? { name: "", frames: [] };
     this.b = runs[1] ?? null;
-    this.wipe = new Wipe((frame) => {
+    this.wipe = new Wipe(app.service, (frame) => {
       if (!frame.image) return;
       opened();
       void app.openAddresses(frame.image, frame.points ?? null, null, frame.id.split("/").pop());

@@ -81,7 +81,7 @@ export class Panel {
         this.controls.robust.element, this.controls.fit.element, this.controls.prior.element, this.sigma.element),
       h("section", { class: "group", "aria-label": "Colours and camera" }, h("h2", {}, "Colours and camera"),
         this.controls.colours.element, h("div", { class: "pair" }, this.low.element, this.high.element),
-        this.fieldRow, h("div", { class: "buttons" }, chooser("Camera…", ACCEPT_CAMERA, "Open a camera file", app))),
+        this.fieldRow, app.service.cameras ? h("div", { class: "buttons" }, chooser("Camera…", ACCEPT_CAMERA, "Open a camera file", app)) : null),
     );
   }
 

@@ -2,7 +2,7 @@
 
 import type { App } from "../app.ts";
 import { h } from "../dom.ts";
-import * as service from "../service.ts";
+import type { Demo } from "../service.ts";
 import { chooseImage } from "./panel.ts";
 
 export class StartPage {
@@ -15,11 +15,11 @@ export class StartPage {
         h("h1", {}, "An image and a few known depths in, a dense depth map in metres out."),
         h("p", {}, "Drop an image here, alone or with its points. Then click into it where you know a depth: the map follows each point, and says how far it may be off."),
         h("div", { class: "buttons" }, chooseImage(app, "Open an image…", true)),
-        h("p", { class: "why" }, "Images: JPEG, PNG, WebP, TIFF, BMP, PNM. Points: depth maps (npy, npz, png, tiff, exr, pfm, h5), tables (csv, txt), clouds with a camera (ply, pcd, las, laz). Nothing leaves this machine.")),
+        h("p", { class: "why" }, `${app.service.reads} Nothing leaves this machine.`)),
       this.demos);
   }
 
-  list(demos: readonly service.Demo[]): void {
+  list(demos: readonly Demo[]): void {
     this.demos.replaceChildren(...demos.map((demo) =>
       h("button", { type: "button", class: "demo", onclick: () => void this.app.openDemo(demo) },
         h("img", { src: demo.image, alt: "", loading: "lazy" }),

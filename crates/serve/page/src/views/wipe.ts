@@ -4,8 +4,7 @@ import { h, iconButton, sized } from "../dom.ts";
 import { paint, table } from "../model/colours.ts";
 import { metres, quantiles } from "../model/numbers.ts";
 import * as npy from "../model/npy.ts";
-import * as service from "../service.ts";
-import type { Frame } from "../service.ts";
+import { ServiceError, type Frame, type Service } from "../service.ts";
 import type { Pair } from "./gallery.ts";
 
 type Side = { values: npy.Map2 } | { picture: ImageBitmap };
@@ -25,7 +24,7 @@ export class Wipe {
   private names: readonly [string, string | null] = ["", null];
   private at = 0;
 
-  constructor(private readonly view: (frame: Frame) => void) {
+  constructor(private readonly service: Service, private readonly view: (frame: Frame) => void) {
     this.area = h("div", { class: "wipe-area" }, this.canvas, ...this.labels);
     this.element = h("dialog", { class: "wipe", "aria-label": "Comparison" },
       h("header", {}, iconButton("previous", "Previous frame", () => this.go(-1)), iconButton("next", "Next frame", () => this.go(1)),
@@ -80,14 +79,14 @@ export class Wipe {
     const words = this.names[1] === null ? ["image", word(this.names[0], pair.a)] : [word(this.names[0], pair.a), word(this.names[1], pair.b)];
     this.labels.forEach((label, i) => (label.textContent = words[i]!));
     try {
-      const sides = await Promise.all(places.map((address) => (address ? side(address) : null)));
+      const sides = await Promise.all(places.map((address) => (address ? side(this.service, address) : null)));
       if (this.pairs[this.at] !== pair) return;
       this.sides = [sides[0] ?? null, sides[1] ?? null];
       this.paint();
       if (failure) this.scale.textContent = failure;
     } catch (error) {
       this.sides = [null, null];
-      const hint = error instanceof service.ServiceError ? error.hint : null;
+      const hint = error instanceof ServiceError ? error.hint : null;
       this.scale.textContent = `${error instanceof Error ? error.message : error}${hint ? `: ${hint}` : ""}`;
     }
     this.draw();
@@ -139,7 +138,7 @@ export class Wipe {
   }
 }
 
-async function side(address: string): Promise<Side> {
+async function side(service: Service, address: string): Promise<Side> {
   const contents = await service.file(address);
   const values = npy.read(await contents.arrayBuffer());
   if (values) return { values };

@@ -1,0 +1,46 @@
+// Files to download, made in the browser as the program makes them.
+
+import type { Layers } from "../model/layers.ts";
+import { flyingPixels } from "../model/flying.ts";
+import { range } from "../model/numbers.ts";
+import type { Intrinsics } from "../service.ts";
+import * as png from "./png.ts";
+import { refused } from "./read.ts";
+
+const MOST = 65_535;
+/** How many units make a metre: the finest first. */
+const UNITS = [1e6, 1e5, 1e4, 1e3, 256, 100, 10, 1];
+
+/** Depths as 16-bit PNG: in millimetres, or in the finest unit that holds the farthest where these do not fit. */
+export async function depthPng({ width, height, depth }: Layers): Promise<Blob> {
+  const [near, far] = range(depth);
+  const holds = (perMetre: number) => Math.round(far * perMetre) <= MOST;
+  const perMetre = holds(1000) && near >= 0.0005 ? 1000 : UNITS.find(holds);
+  if (perMetre === undefined) throw refused(`a depth of ${far} m does not fit into a 16-bit PNG`, "take the cloud");
+  const values = Uint16Array.from(depth, (value) => (value > 0 ? Math.max(1, Math.round(value * perMetre)) : 0));
+  return png.write({ width, height, values, perMetre });
+}
+
+/** A coloured cloud in the frame of the camera, without flying pixels and those above a deviation, unless they are kept. */
+export function cloudPly(
+  { width, height, depth, deviation }: Layers,
+  colours: Uint8ClampedArray,
+  { fx, fy, cx, cy }: Intrinsics,
+  cut: { readonly maxSigma: number | null; readonly keepFlying: boolean },
+): Blob {
+  const { maxSigma } = cut;
+  const flying = cut.keepFlying ? null : flyingPixels(depth, width, height, { fx, fy, cx, cy });
+  const kept = Array.from(depth.keys()).filter((i) => !flying?.[i] && !(maxSigma !== null && deviation && deviation[i]! > maxSigma));
+  const size = deviation ? 19 : 15;
+  const body = new DataView(new ArrayBuffer(size * kept.length));
+  kept.forEach((i, place) => {
+    const z = depth[i]!;
+    const position = [(((i % width) - cx) / fx) * z, ((Math.floor(i / width) - cy) / fy) * z, z];
+    position.forEach((value, axis) => body.setFloat32(size * place + 4 * axis, value, true));
+    for (let c = 0; c < 3; c++) body.setUint8(size * place + 12 + c, colours[4 * i + c]!);
+    if (deviation) body.setFloat32(size * place + 15, deviation[i]!, true);
+  });
+  const properties = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", ...(deviation ? ["float sigma"] : [])];
+  const lines = ["ply", "format binary_little_endian 1.0", `element vertex ${kept.length}`, ...properties.map((one) => `property ${one}`), "end_header", ""];
+  return new Blob([lines.join("\n"), body.buffer], { type: "application/x-ply" });
+}
