@@ -123,11 +123,11 @@ export class Instance {
 
   private trap(exports: Exports, cause: unknown): LsdcError {
     const bytes = new Uint8Array(exports.memory.buffer, this.message, 512);
-    const panic = new TextDecoder().decode(bytes.subarray(0, bytes.indexOf(0)));
+    const panic = new TextDecoder().decode(bytes.subarray(0, bytes.indexOf(0))).replaceAll("\n", " ");
     const why = panic || (cause instanceof Error ? cause.message : String(cause));
     const hint = panic
       ? "load another completer; this is an error in lsdc, please report it"
-      : "load another completer; its memory may have run out, which smaller images avoid";
+      : "load another completer; its memory may have run out: free scenes that are not needed, or use smaller images";
     return new LsdcError("stopped", `the WebAssembly module has stopped: ${why}`, hint, { cause });
   }
 
