@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ._completer import NAMES, Completer, Weights
-from ._guide import DepthGuide
 from ._input import Array, ImageLike, Noise, Order, Size, Unit
 from ._many import Completed, Progress
 from ._scene import Guide, Sparse
@@ -24,7 +24,7 @@ def complete(
     noise: Noise | None = None,
     unit: Unit | None = None,
     robust: Robust = None,
-    guide: DepthGuide | Array | None = None,
+    guide: Guide | Literal["none"] | None = None,
     size: Size | None = None,
     order: Order = "rgb",
     weights: Weights = "default",
@@ -64,7 +64,7 @@ def complete_many(
     images: Iterable[ImageLike],
     points: Iterable[Sparse],
     *,
-    guides: Iterable[Guide | None] | None = None,
+    guides: Iterable[Guide | Literal["none"] | None] | None = None,
     sigma: float | None = None,
     noise: Noise | None = None,
     unit: Unit | None = None,

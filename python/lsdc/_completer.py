@@ -9,11 +9,10 @@ from typing import Any, Literal, Union, cast
 
 from . import _native
 from ._completion import Completion
-from ._errors import ReadError, SettingsError, WeightsError
-from ._guide import DepthGuide
+from ._errors import InputError, ReadError, SettingsError, WeightsError
 from ._input import Array, ImageLike, Noise, Order, Size, Unit, as_image, as_size
 from ._many import Completed, Progress, complete_each
-from ._scene import Guide, Scene, Sparse
+from ._scene import Guide, Scene, Sparse, as_native_guide
 from ._settings import FitSettings, Robust, as_json
 
 Weights = Union[Literal["default", "small", "anything", "none"], str, "os.PathLike[str]", bytes]
@@ -113,6 +112,12 @@ class Completer:
         return self._native.parameters
 
     @property
+    def has_depth_head(self) -> bool:
+        """Whether scenes that are given no guide have that of the depth head of "anything", which is installed with the
+        encoder of these weights."""
+        return self._native.has_depth_head
+
+    @property
     def threads(self) -> int:
         """The number of threads that work for this completer."""
         return self._here().threads
@@ -121,7 +126,7 @@ class Completer:
         self,
         image: ImageLike,
         *,
-        guide: DepthGuide | Array | None = None,
+        guide: Guide | Literal["none"] | None = None,
         order: Order = "rgb",
     ) -> Scene:
         """Runs the network on an image, and computes everything that depends on the image alone.
@@ -130,8 +135,9 @@ class Completer:
         ----------
         image : array (H, W, 3), (H, W) or (H, W, 4), image of Pillow, or path
             Unsigned integers of 8 or 16 bits, or floats from 0 to 1. The fourth channel is ignored.
-        guide : DepthGuide or array (H, W), optional
-            A prediction of its depth by other means; an array is one of depths.
+        guide : DepthGuide, array (H, W) or "none", optional
+            A prediction of its depth by other means; an array is one of depths. By default, that of the depth head of
+            the weights "anything", if it is installed; "none" switches this off.
         order : "rgb" or "bgr"
             The order of the colours in memory: "bgr" as read by OpenCV.
 
@@ -140,7 +146,10 @@ class Completer:
         InputError
             Not an image, or one with colours that are NaN or far above 1.
         """
-        return Scene(self._here().scene(*as_image(image, order)), guide)
+        given = None if guide is None or isinstance(guide, str) else as_native_guide(guide)
+        if isinstance(guide, str) and guide != "none":
+            raise InputError(f'`guide` is "{guide}", neither a map nor "none"')
+        return Scene(self._here().scene(*as_image(image, order), given, guide is None))
 
     def complete(
         self,
@@ -150,7 +159,7 @@ class Completer:
         sigma: Array | float | None = None,
         noise: Noise | None = None,
         unit: Unit | None = None,
-        guide: DepthGuide | Array | None = None,
+        guide: Guide | Literal["none"] | None = None,
         size: Size | None = None,
         order: Order = "rgb",
     ) -> Completion:
@@ -167,7 +176,7 @@ class Completer:
         images: Iterable[ImageLike],
         points: Iterable[Sparse],
         *,
-        guides: Iterable[Guide | None] | None = None,
+        guides: Iterable[Guide | Literal["none"] | None] | None = None,
         sigma: float | None = None,
         noise: Noise | None = None,
         unit: Unit | None = None,
@@ -206,7 +215,7 @@ class Completer:
         b 4
         """
 
-        def work(image: ImageLike, known: Sparse, guide: Guide | None = None) -> Completion:
+        def work(image: ImageLike, known: Sparse, guide: Guide | Literal["none"] | None = None) -> Completion:
             scene = self.scene(image, guide=guide, order=order)
             return scene.complete(known, sigma=sigma, noise=noise, unit=unit, robust=robust, size=size)
 

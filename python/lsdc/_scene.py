@@ -31,8 +31,8 @@ class Scene(Unpicklable):
 
     _instead = "send the completer and the image, and make the scene there, or send arrays such as `completion.depth`"
 
-    def __init__(self, native: _native.Scene, guide: Guide | None = None) -> None:
-        self._native = native if guide is None else native.with_guide(_guide(guide))
+    def __init__(self, native: _native.Scene) -> None:
+        self._native = native
 
     @property
     def size(self) -> Size:
@@ -113,7 +113,7 @@ class Scene(Unpicklable):
         if robust is not None:
             scene = scene.with_robust(as_json(robust))
         if guide is not None:
-            scene = scene.with_guide(_guide(guide))
+            scene = scene.with_guide(as_native_guide(guide))
         weights = near.weights if isinstance(near, Completion) else near
         if weights is not None:
             weights = np.ascontiguousarray(as_array(weights, "`near`"), dtype=np.float64)
@@ -152,6 +152,6 @@ class Scene(Unpicklable):
         return f"<lsdc.Scene {width}x{height}>"
 
 
-def _guide(guide: Guide) -> _native.DepthGuide:
+def as_native_guide(guide: Guide) -> _native.DepthGuide:
     guide = guide if isinstance(guide, DepthGuide) else DepthGuide(guide)
     return guide._native

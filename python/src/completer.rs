@@ -1,6 +1,7 @@
 //! Weights with settings.
 
 use crate::error::{ExceptionKind, raised, raised_by_file};
+use crate::guide::DepthGuide;
 use crate::image::{Colours, copy};
 use crate::pool::Pool;
 use crate::scene::Scene;
@@ -87,6 +88,8 @@ impl Completer {
             }
             builder.thread_pool(threads).build()
         })?;
+        let inner = pool.install(py, || lsdc_weights::guided_by_head(inner))?;
+        let inner = inner.map_err(|error| raised_by_file(py, &error))?;
         let parameters = if alone { 0 } else { weights.parameters() };
         Ok(Self {
             inner,
@@ -102,16 +105,35 @@ impl Completer {
         serde_json::to_string(self.inner.fit_config()).unwrap_or_default()
     }
 
+    /// Whether scenes are guided by the depth head of the encoder.
+    #[getter]
+    fn has_depth_head(&self) -> bool {
+        self.inner.has_depth_head()
+    }
+
     /// Threads of the pool.
     #[getter]
     fn threads(&self) -> usize {
         self.pool.count()
     }
 
-    fn scene(&self, py: Python<'_>, colours: Colours<'_>, bgr: bool) -> PyResult<Scene> {
+    /// Without `guide`, scenes are guided by the depth head of the encoder, if it is installed and `own_guide` is set.
+    fn scene(
+        &self,
+        py: Python<'_>,
+        colours: Colours<'_>,
+        bgr: bool,
+        guide: Option<&DepthGuide>,
+        own_guide: bool,
+    ) -> PyResult<Scene> {
         let image = colours.image(py, bgr)?;
+        let guide = guide.map(|guide| guide.0.clone());
         let scene = self.pool.run(py, || {
-            let scene = self.inner.scene(&image)?;
+            let scene = match &guide {
+                Some(guide) => self.inner.guided_scene(&image, guide)?,
+                None if own_guide => self.inner.scene(&image)?,
+                None => self.inner.without_depth_head().scene(&image)?,
+            };
             Ok((scene, Arc::new(copy(&image)?)))
         });
         let (scene, colours) = scene?;

@@ -130,6 +130,10 @@ def test_guides(completer, image):
     assert_array_equal(scene.complete(points, guide=guide).depth, guided.depth)
     assert_array_equal(completer.scene(image, guide=guide).complete(points).depth, guided.depth)
     # An array is one of depths, of any size and unit.
+    assert not completer.has_depth_head
+    assert_array_equal(completer.complete(image, points, guide="none").depth, plain.depth)
+    with pytest.raises(lsdc.InputError, match='neither a map nor "none"'):
+        completer.complete(image, points, guide="nothing")
     half = completer.complete(image, points, guide=100 * truth[::2, ::2])
     assert half.report["guide_trust"] > 0
     alone = lsdc.Completer("none").complete(image, points, guide=truth)

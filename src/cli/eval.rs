@@ -2,7 +2,10 @@
 
 use super::args::{Eval, Model};
 use super::names::Names;
-use super::network::{at_quality, open_completer, open_guide, open_system, system_candidates};
+use super::network::{
+    at_quality, name_of_own_guide, open_guide, open_guided_completer, open_system, own_guide,
+    system_candidates,
+};
 use super::{Exit, settings, ui};
 use lsdc_core::fit::FitMethod;
 use lsdc_core::{Completer, Quality};
@@ -46,6 +49,13 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         return Err(Error::config(what).hint("add `--method lsdc`, or leave it out"));
     }
     check_guides(args, network.as_ref().map(|(completer, _)| completer))?;
+    let own_guide = match &network {
+        Some((completer, _)) if completer.has_depth_head() => {
+            let Model { weights, device } = &args.model;
+            own_guide(weights.as_deref(), device, args.guide.as_ref())?
+        }
+        _ => None,
+    };
     let guide = args.guide.clone();
     let guide = guide.map(|guide| guide.with_head(args.head)).transpose()?;
     let monocular = open_guide(guide.as_ref(), &args.model.device)?;
@@ -74,9 +84,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     } else {
         format!("{}: {}", preset.name, preset.source)
     };
-    let guided = match &evaluation.guides {
-        None => String::new(),
-        Some(guides) => format!(", beside guides {guides}"),
+    let guided = match (&evaluation.guides, &own_guide) {
+        (None, None) => String::new(),
+        (None, Some(own)) => format!(", guided by the {}", name_of_own_guide(own)),
+        (Some(guides), _) => format!(", beside guides {guides}"),
     };
     let measured = if args.uncertainty {
         ", with its standard deviations"
@@ -88,11 +99,14 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         .map(|(_, name)| format!("{name}{guided}{measured}"));
     let weights_file = args.model.weights.as_deref();
     let contents = network.as_ref().map(|_| weights_hash(weights_file));
-    let inputs = json!({
+    let mut inputs = json!({
         "data": DataConfig { root: None, ..config.data.clone() },
         "split": args.draws.split,
         "weights": contents.transpose()?,
     });
+    if let Some(own) = &own_guide {
+        inputs["depth_head"] = json!(own.hash);
+    }
     let heading = evaluation.heading(&name, &followed, weights, inputs)?;
     let computes = |(_, candidate): &(String, Candidate)| {
         matches!(
@@ -152,7 +166,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
 /// The network with its fit, and what names both in reports.
 fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let weights = args.model.weights.as_deref();
-    let completer = open_completer(weights, &args.model.device)?;
+    let completer = open_guided_completer(weights, &args.model.device, args.guide.as_ref())?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
     let completer = at_quality(&completer.with_fit(fit), args.fit.quality, weights)?;
@@ -167,8 +181,9 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
 
 /// Checks that guides change something, and are there for every frame.
 fn check_guides(args: &Eval, completer: Option<&Completer>) -> Result<()> {
-    let Some(spec) = &args.guide else {
-        return Ok(());
+    let spec = match &args.guide {
+        None | Some(GuideSpec::None) => return Ok(()),
+        Some(spec) => spec,
     };
     let method = completer.map(|completer| completer.fit_config().method);
     if method.is_none_or(|method| method == FitMethod::Field) {
@@ -183,7 +198,7 @@ fn check_guides(args: &Eval, completer: Option<&Completer>) -> Result<()> {
             source.path.display()
         ))
         .hint("guides are called as the frames are, such as FRAME.npy")),
-        GuideSpec::Files(_) | GuideSpec::DepthAnything(_) => Ok(()),
+        GuideSpec::None | GuideSpec::Files(_) | GuideSpec::DepthAnything(_) => Ok(()),
     }
 }
 

@@ -15,6 +15,10 @@ use lsdc_weights::{Installation, KNOWN, KnownEncoder, Store};
 pub(super) const NO_HEAD: &str = "its depth head, which `--guide depth-anything` needs, is not installed; \
                                   `lsdc weights add FILE` adds that of the published file";
 
+/// That weights on an encoder are used without its depth head.
+pub(super) const UNGUIDED: &str = "notice: without the depth head of their encoder, these weights are somewhat less accurate; \
+                                   `lsdc weights get anything` or `lsdc weights add FILE` brings it";
+
 pub(super) fn add(args: &Add) -> Result<()> {
     let store = Store::open()?;
     let (known, added) = store.add(&args.file, &KNOWN, args.force)?;

@@ -1,8 +1,9 @@
 //! `lsdc serve`: completion over HTTP.
 
 use super::args::{Model, Serve};
-use super::network::open_completer;
+use super::network::{name_of_own_guide, open_guided_completer, own_guide};
 use super::{Exit, ui};
+use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Cause, Error, Result};
 use lsdc_serve::{Access, Config, LogEntry, Server, Tls};
 use lsdc_weights::weights_name;
@@ -31,7 +32,7 @@ pub(super) fn run(args: &Serve) -> Result<Exit> {
         "http"
     };
     let in_clear = config.access.token.is_some() && config.tls.is_none();
-    let server = bind(&args.model, args.listen, config)?;
+    let server = bind(&args.model, args.guide.as_ref(), args.listen, config)?;
     let address = server.address();
     if in_clear && !address.ip().is_loopback() {
         ui::say("the token goes over the network as it is; give --tls-cert and --tls-key");
@@ -41,11 +42,22 @@ pub(super) fn run(args: &Serve) -> Result<Exit> {
 }
 
 /// A service with the weights and the device of the command line.
-pub(super) fn bind(model: &Model, address: SocketAddr, config: Config) -> Result<Server> {
+pub(super) fn bind(
+    model: &Model,
+    guide: Option<&GuideSpec>,
+    address: SocketAddr,
+    config: Config,
+) -> Result<Server> {
     let weights = model.weights.as_deref();
-    let completer = open_completer(weights, &model.device)?;
+    let completer = open_guided_completer(weights, &model.device, guide)?;
+    let mut name = weights_name(weights)?;
+    if completer.has_depth_head()
+        && let Some(own) = own_guide(weights, &model.device, guide)?
+    {
+        name = format!("{name}, guided by the {}", name_of_own_guide(&own));
+    }
     let config = Config {
-        weights: weights_name(weights)?,
+        weights: name,
         ..config
     };
     Server::bind(completer, address, config).map_err(failed)

@@ -441,6 +441,8 @@ fn a_guide_is_used_or_said_not_to_be() {
         &[&predicted[..], &["--head", "published"]].concat(),
         &install,
     );
+    let none = [&frame[..], &["none", "--head", "learned"]].concat();
+    refused_with(&none, &["`--head`", "--guide depth-anything"]);
     for head in ["learned", "published"] {
         let files = [&frame[..], &["good.npy", "--head", head]].concat();
         refused_with(&files, &["`--head`", "--guide depth-anything"]);

@@ -38,9 +38,21 @@ pub(crate) fn sines(index: usize, shape: &[usize], scale: f64, offset: f64) -> T
     Tensor::new(shape.to_vec(), (0..count).map(value).collect()).unwrap()
 }
 
-/// The weights of an encoder, by `DINOv2`'s names.
+/// The weights of an encoder of these sizes.
 pub(crate) fn encoder_weights(blocks: usize) -> BTreeMap<String, Tensor> {
-    let (width, hidden, side, patch) = (WIDTH, 32, 4, 14);
+    encoder_weights_of(&sizes(blocks, &[]))
+}
+
+/// The weights of an encoder, by `DINOv2`'s names.
+pub(crate) fn encoder_weights_of(config: &EncoderConfig) -> BTreeMap<String, Tensor> {
+    let EncoderConfig {
+        width,
+        blocks,
+        hidden,
+        side,
+        ..
+    } = *config;
+    let patch = 14;
     let mut all = BTreeMap::new();
     let mut add = |name: String, shape: &[usize], scale: f64, offset: f64| {
         let tensor = sines(all.len(), shape, scale, offset);
@@ -79,8 +91,13 @@ pub(crate) fn encoder_weights(blocks: usize) -> BTreeMap<String, Tensor> {
     all
 }
 
-/// The weights of the head, by their published names.
+/// The weights of the head.
 pub(crate) fn head_weights() -> BTreeMap<String, Tensor> {
+    head_weights_of(WIDTH)
+}
+
+/// The weights of a head that reads taps of some width, by their published names.
+pub(crate) fn head_weights_of(width: usize) -> BTreeMap<String, Tensor> {
     let mut shapes: Vec<(String, Vec<usize>)> = Vec::new();
     let mut add = |name: String, shape: &[usize]| {
         shapes.push((format!("{name}.weight"), shape.to_vec()));
@@ -89,7 +106,7 @@ pub(crate) fn head_weights() -> BTreeMap<String, Tensor> {
         shapes.extend(outputs.map(|outputs| (format!("{name}.bias"), outputs)));
     };
     for (i, own) in OWN.into_iter().enumerate() {
-        add(format!("projects.{i}"), &[own, WIDTH, 1, 1]);
+        add(format!("projects.{i}"), &[own, width, 1, 1]);
     }
     for (i, side) in [(0, 4), (1, 2), (3, 3)] {
         let own = OWN[i];

@@ -136,7 +136,7 @@ typedef struct lsdc_scene_options {
     /// `sizeof(lsdc_scene_options)`.
     size_t struct_size;
     /// A dense prediction of the depth of the image by other means, of any size, or null. Unit, scale and
-    /// shift need not be known; NaN marks gaps.
+    /// shift need not be known; NaN marks gaps. Null is that of the depth head of "anything" if it is installed.
     const struct lsdc_map *guide;
     /// What its values mean.
     lsdc_guide_kind guide_kind;
@@ -342,6 +342,9 @@ typedef struct lsdc_shift {
 
 /// Logarithms of depths.
 #define LSDC_GUIDE_LOG 2
+
+/// With a guide of null: no guide, not even that of the depth head of "anything".
+#define LSDC_GUIDE_NONE 3
 
 /// That for which the weights were trained.
 #define LSDC_FIT_DEFAULT 0

@@ -511,6 +511,13 @@ public:
     // Runs the network on an image, which is not needed afterwards.
     Scene scene(const Image &image) const { return scene(image, lsdc_scene_options{}); }
 
+    // The same without a guide, not even that of the depth head of "anything".
+    Scene unguided_scene(const Image &image) const {
+        lsdc_scene_options options{};
+        options.guide_kind = LSDC_GUIDE_NONE;
+        return scene(image, options);
+    }
+
     // The same with a dense prediction of depth, which need not be of the size of the image.
     Scene scene(const Image &image, const Guide &guide) const {
         lsdc_map map = guide.values.map();

@@ -174,7 +174,9 @@ fn with(selected: &SelectedWeights, options: &lsdc_completer_options) -> Result<
         if let Some(encoder) = encoder {
             builder = builder.encoder(encoder);
         }
-        builder.thread_pool(pool.threads.clone()).build()?
+        let value = builder.thread_pool(pool.threads.clone()).build()?;
+        pool.threads
+            .install(|| lsdc_weights::guided_by_head(value))?
     } else {
         Completer::without_network(fit)?
     };

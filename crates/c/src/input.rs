@@ -136,6 +136,8 @@ pub const LSDC_GUIDE_DEPTH: lsdc_guide_kind = 0;
 pub const LSDC_GUIDE_DISPARITY: lsdc_guide_kind = 1;
 /// Logarithms of depths.
 pub const LSDC_GUIDE_LOG: lsdc_guide_kind = 2;
+/// With a guide of null: no guide, not even that of the depth head of "anything".
+pub const LSDC_GUIDE_NONE: lsdc_guide_kind = 3;
 
 pub(crate) fn unused(reserved: u32, what: &str) -> Result<()> {
     match reserved {

@@ -5,7 +5,8 @@ use crate::completion::{COMPLETIONS, StoredCompletion, lsdc_completion};
 use crate::error::{Error, Result, guard};
 use crate::handles::Handles;
 use crate::input::{
-    MapValues, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points, observations, unused,
+    LSDC_GUIDE_NONE, MapValues, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points,
+    observations, unused,
 };
 use crate::memory::{self, Versioned};
 use crate::pool::Pooled;
@@ -26,7 +27,7 @@ pub struct lsdc_scene_options {
     /// `sizeof(lsdc_scene_options)`.
     pub struct_size: usize,
     /// A dense prediction of the depth of the image by other means, of any size, or null. Unit, scale and
-    /// shift need not be known; NaN marks gaps.
+    /// shift need not be known; NaN marks gaps. Null is that of the depth head of "anything" if it is installed.
     pub guide: *const lsdc_map,
     /// What its values mean.
     pub guide_kind: lsdc_guide_kind,
@@ -78,6 +79,9 @@ pub unsafe extern "C" fn lsdc_scene_create(
         let value = completer.run(|completer| {
             let image = pixels.image()?;
             Ok(match guide {
+                None if options.guide_kind == LSDC_GUIDE_NONE => {
+                    completer.without_depth_head().scene(&image)?
+                }
                 None => completer.scene(&image)?,
                 Some(guide) => completer.guided_scene(&image, &guide.guide(options.guide_kind)?)?,
             })

@@ -1,9 +1,9 @@
 //! A trained network with the settings of the fit, ready to complete images.
 
 use crate::ensemble::Quality;
-use crate::error::{Result, SettingsError};
+use crate::error::{Result, SettingsError, WeightsError};
 use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
-use crate::network::{ColourAffinity, CpuNetwork, Encoder, Network};
+use crate::network::{ColourAffinity, CpuNetwork, DepthHead, Encoder, Network};
 use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -40,6 +40,8 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub struct Completer {
     network: Arc<dyn Network>,
+    /// The depth head of the network's encoder, whose prediction guides scenes without another guide.
+    depth_head: Option<Arc<DepthHead>>,
     normalisation: Normalisation,
     fit: FitConfig,
     prior: Option<Arc<Prior>>,
@@ -191,6 +193,7 @@ impl<'a> CompleterBuilder<'a> {
         fit.check()?;
         Ok(Completer {
             network,
+            depth_head: None,
             normalisation,
             fit,
             prior,
@@ -257,6 +260,7 @@ impl Completer {
         };
         Ok(Self {
             network: Arc::new(ColourAffinity),
+            depth_head: None,
             normalisation: Normalisation::default(),
             fit,
             prior: Some(Arc::new(Prior::new(&[1.0], &[0.0], unknown)?)),
@@ -341,6 +345,45 @@ impl Completer {
         }
     }
 
+    /// The same completer whose scenes are guided by the prediction of a depth head, if they are given no other guide. The
+    /// head reads the features that the network computes from its encoder, which does not run a second time. An image
+    /// for which it predicts the same everywhere, as of one colour, has no guide.
+    ///
+    /// # Errors
+    /// A network without an encoder, or with another one than the head reads.
+    #[doc(hidden)]
+    pub fn with_depth_head(&self, head: Arc<DepthHead>) -> Result<Self> {
+        let encoder = self.network.published_encoder().ok_or_else(|| {
+            let what = "a depth head for a network without the encoder it was published with";
+            WeightsError::Unsupported(what)
+        })?;
+        head.check(encoder)?;
+        Ok(Self {
+            depth_head: Some(head),
+            ..self.clone()
+        })
+    }
+
+    /// The same completer whose scenes have no guide but those that are given to them.
+    #[must_use]
+    pub fn without_depth_head(&self) -> Self {
+        Self {
+            depth_head: None,
+            ..self.clone()
+        }
+    }
+
+    /// Whether scenes without another guide are guided by the depth head of the network's encoder.
+    pub fn has_depth_head(&self) -> bool {
+        self.depth_head.is_some()
+    }
+
+    /// Whether the network reads an encoder as it was published, so that the depth head of this can guide scenes.
+    #[doc(hidden)]
+    pub fn can_have_depth_head(&self) -> bool {
+        self.network.published_encoder().is_some()
+    }
+
     /// The quality of scenes.
     pub fn quality(&self) -> Quality {
         self.quality
@@ -363,11 +406,18 @@ impl Completer {
     /// dropped; later completions allocate again.
     pub fn release(&self) {
         self.network.release();
+        if let Some(head) = &self.depth_head {
+            head.release();
+        }
         crate::field::release();
     }
 
     pub(crate) fn network(&self) -> &dyn Network {
         &*self.network
+    }
+
+    pub(crate) fn depth_head(&self) -> Option<&DepthHead> {
+        self.depth_head.as_deref()
     }
 
     pub(crate) fn normalisation(&self) -> &Normalisation {

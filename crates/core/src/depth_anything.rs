@@ -1,7 +1,7 @@
 //! Depth Anything V2 (Yang et al. 2024): relative inverse depth of an image alone, as a guide.
 
 use crate::depth_guide::{DepthGuide, GuideKind};
-use crate::error::{Result, SettingsError, WeightsError};
+use crate::error::{Result, SettingsError};
 use crate::image::Image;
 use crate::network::{DepthHead, Encoder, EncoderConfig, PATCH};
 use crate::resize::resized_colours_cubic;
@@ -42,7 +42,7 @@ pub struct DepthAnything(Arc<Inner>);
 
 struct Inner {
     encoder: Arc<Encoder>,
-    head: DepthHead,
+    head: Arc<DepthHead>,
 }
 
 impl std::fmt::Debug for DepthAnything {
@@ -84,12 +84,16 @@ impl DepthAnything {
     /// A head that does not read the taps of the encoder.
     #[doc(hidden)]
     pub fn with_parts(encoder: Arc<Encoder>, head: DepthHead) -> Result<Self> {
-        let EncoderConfig { width, taps, .. } = encoder.config();
-        if taps.len() != DepthHead::TAPS || *width != head.width() {
-            let what = "its depth head reads the features of another encoder";
-            return Err(WeightsError::Unsupported(what).into());
-        }
+        head.check(encoder.config())?;
+        let head = Arc::new(head);
         Ok(Self(Arc::new(Inner { encoder, head })))
+    }
+
+    /// The depth head, for scenes whose network reads the same encoder (see
+    /// [`Completer::with_depth_head`](crate::Completer::with_depth_head)).
+    #[doc(hidden)]
+    pub fn depth_head(&self) -> Arc<DepthHead> {
+        self.0.head.clone()
     }
 
     /// Predicts the relative inverse depth of an upright image, as a guide of its completion. The image is resized to

@@ -5,16 +5,16 @@ mod variants;
 
 use crate::bilinear::InterpolationWeights;
 use crate::completer::Completer;
-use crate::depth_guide::DepthGuide;
+use crate::depth_guide::{DepthGuide, GuideKind};
 use crate::ensemble::{Quality, mirrored};
-use crate::error::Result;
+use crate::error::{Error, ImageError, Result};
 use crate::field;
 use crate::fit::{
     Affinities, BasisValues, CosineBasis, EvaluateBasis, FieldGeometry, FitMethod, FitPoints,
     ImageMoments, InlierPosterior, dot, inlier_posteriors,
 };
 use crate::image::Image;
-use crate::network::{Basis, Forward};
+use crate::network::{Basis, Forward, PATCH};
 use crate::observations::Observations;
 use crate::resize::resized;
 use crate::upsampling::Upsampling;
@@ -73,7 +73,8 @@ impl std::fmt::Debug for Scene {
 }
 
 impl Completer {
-    /// Runs the network on an image, and computes everything that depends on the image alone.
+    /// Runs the network on an image, and computes everything that depends on the image alone; with a
+    /// [depth head](Self::has_depth_head), the guide that it predicts, too.
     ///
     /// # Errors
     /// Colours that are not finite, settings that are out of range, or affinities of a damaged network.
@@ -110,6 +111,23 @@ impl Completer {
     /// ```
     pub fn guided_scene(&self, image: &Image<'_>, guide: &DepthGuide) -> Result<Scene> {
         Scene::new(self.clone(), image, Some(guide.clone()))
+    }
+}
+
+/// The guide that the depth head of a completer predicts from the features of its network; nothing without a head, and
+/// where it predicts the same everywhere.
+fn predicted_guide(completer: &Completer, forward: &dyn Forward) -> Result<Option<DepthGuide>> {
+    let Some(head) = completer.depth_head() else {
+        return Ok(None);
+    };
+    let Some(features) = forward.published_features() else {
+        return Ok(None);
+    };
+    let (height, width) = (features.rows * PATCH, features.columns * PATCH);
+    let values = head.predict(&features)?;
+    match DepthGuide::new(GuideKind::Disparity, width, height, &values) {
+        Err(Error::Image(ImageError::NoGuide)) => Ok(None),
+        guide => guide.map(Some),
     }
 }
 
@@ -150,16 +168,24 @@ impl Scene {
         let working = (side(height), side(width));
         let colours = resized(&rgb, (height, width), working)?;
         let values = normalised(&colours, normalisation.mean, normalisation.deviation);
-        let has_field = completer.fit_config().method.has_field();
+        let fit_method = completer.fit_config().method;
+        let has_field = fit_method.has_field();
         let network = completer.network();
         let forward = completer.run(|| network.forward(&values, working))?;
-        // Side by side: layers of either are too small for many threads.
-        let (basis, affinities) = completer.run(|| {
+        // A field alone takes no guide.
+        let predicts = depth_guide.is_none() && fit_method != FitMethod::Field;
+        let predicted = || {
+            let guide = predicts.then(|| predicted_guide(&completer, &*forward));
+            guide.transpose()
+        };
+        // Side by side: layers of each are too small for many threads.
+        let (basis, (affinities, predicted)) = completer.run(|| {
             join(
                 || forward.basis(),
-                || has_field.then(|| forward.affinities()),
+                || join(|| has_field.then(|| forward.affinities()), predicted),
             )
         });
+        let depth_guide = depth_guide.or(predicted?.flatten());
         let affinities = affinities.map(|(values, size)| Affinities::new(size, &values));
         let affinities = affinities.transpose()?.map(OnceLock::from);
         let cosines = CosineBasis::up_to(completer.fit_config().cosines());
@@ -198,6 +224,11 @@ impl Scene {
     /// The run time of the network, on the mirror image too at [`Quality::Best`].
     pub fn network_time(&self) -> Duration {
         self.0.network
+    }
+
+    /// Whether there is a guide, given or predicted by the [depth head](Completer::has_depth_head) of the network's encoder.
+    pub fn is_guided(&self) -> bool {
+        self.0.depth_guide.is_some()
     }
 
     /// The basis functions of the network, `[places, N + 1]`, the first being the constant 1, or its replacement in some

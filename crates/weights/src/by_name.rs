@@ -104,7 +104,8 @@ pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
     Weights::from_bytes(&bytes).map_err(|e| Error::of_core(e, format!("`{name}`")))
 }
 
-/// Opens weights from a file, or those that come with the program, for the CPU; `none` is no network at all.
+/// Opens weights from a file, or those that come with the program, for the CPU; `none` is no network at all. Nothing guides
+/// their scenes: see [`guided_by_head`](crate::guided_by_head).
 ///
 /// # Errors
 /// A file that cannot be read or is no weights file, or an encoder that is not installed.

@@ -130,6 +130,43 @@ pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
     Ok(place.get_or_init(|| found).clone())
 }
 
+/// Returns Depth Anything V2 Small for a network that reads its encoder as it was published, without adapters: its depth
+/// head guides the scenes of such a network (see [`guided_by_head`]). Nothing for other networks, and if the head is not
+/// installed.
+///
+/// # Errors
+/// Files of the user's data folder that were damaged.
+pub fn head_of(network: &NetworkConfig) -> Result<Option<InstalledDepthAnything>> {
+    if network.extractor.encoder == 0 || network.adapters.is_some() {
+        return Ok(None);
+    }
+    head_if_installed()
+}
+
+/// The same completer, with scenes guided by the depth head of its encoder if that is installed: the encoder runs once for
+/// both. Other completers are returned as they are.
+///
+/// # Errors
+/// As [`head_of`].
+pub fn guided_by_head(completer: Completer) -> Result<Completer> {
+    if !completer.can_have_depth_head() {
+        return Ok(completer);
+    }
+    Ok(match head_if_installed()? {
+        None => completer,
+        Some(found) => completer.with_depth_head(found.network.depth_head())?,
+    })
+}
+
+fn head_if_installed() -> Result<Option<InstalledDepthAnything>> {
+    let [known] = &KNOWN;
+    let store = Store::open()?;
+    let is_there = store.path(known).exists() && store.head_path(known).exists();
+    is_there
+        .then(|| depth_anything(ResizeLayer::default()))
+        .transpose()
+}
+
 /// Prepares weights with the fit that they were trained for, and the encoder that they need, for the CPU.
 ///
 /// # Errors

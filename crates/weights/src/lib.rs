@@ -44,7 +44,8 @@ pub use download::{DownloadEvent, DownloadLimits, get};
 pub use embedded::{Embedded, embedded, named};
 pub use golden::golden;
 pub use installed::{
-    InstalledDepthAnything, ResizeLayer, completer, depth_anything, encoder_of, installed,
+    InstalledDepthAnything, ResizeLayer, completer, depth_anything, encoder_of, guided_by_head,
+    head_of, installed,
 };
 pub use known::{ANYTHING, KNOWN, KnownEncoder, KnownHead, identity, recognise};
 pub use lsdc_files::error;

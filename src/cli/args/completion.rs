@@ -160,7 +160,7 @@ pub(in crate::cli) struct Complete {
     /// (Fankhauser et al. 2015). Needs --depth-unit for depths in integers, whose unit would be a guess.
     #[arg(long, value_parser = noise, value_name = "MODEL", help_heading = "Input", allow_hyphen_values = true)]
     pub(in crate::cli) noise: Option<DepthNoise>,
-    /// Dense depth prediction to use as a guide: FILE[:KIND] or depth-anything[:SIDE].
+    /// Dense depth prediction to use as a guide: FILE[:KIND], depth-anything[:SIDE] or none.
     ///
     /// A prediction by another network or program, which need not be of the image's size: npy, npz, PNG, TIFF, EXR, PFM
     /// or HDF5. KIND: depth, disparity or log [default: depth]. Disparity is inverse depth, as in `map.npy:disparity`.
@@ -171,6 +171,9 @@ pub(in crate::cli) struct Complete {
     /// depth-anything predicts the guide with Depth Anything V2 Small, which `lsdc weights get anything` or `lsdc
     /// weights add` installs. SIDE is the shorter side of the image that it reads, 252 to 518 pixels [default: 336]. A
     /// file of this name is ./depth-anything.
+    ///
+    /// The weights `anything` have a guide by default: that of the depth head installed with their encoder, which runs once
+    /// for both, on the image that the network reads. none switches it off.
     #[arg(long, value_parser = typed::<GuideSpec>, value_name = "GUIDE", help_heading = "Input")]
     pub(in crate::cli) guide: Option<GuideSpec>,
     /// Depth head of --guide depth-anything: learned or published [default: learned].
@@ -266,7 +269,8 @@ pub(in crate::cli) struct Bench {
     /// the training images.
     #[arg(long)]
     pub(in crate::cli) full: bool,
-    /// Also time the prediction of guides, beside the completion: depth-anything[:SIDE], or several of them.
+    /// Also time the prediction of guides, beside the completion: depth-anything[:SIDE], or several of them. none: without
+    /// the guide that the weights `anything` have by default.
     #[arg(long, value_parser = typed::<GuideSpec>, value_delimiter = ',', value_name = "GUIDE,...")]
     pub(in crate::cli) guide: Vec<GuideSpec>,
     /// Time training steps instead, on procedural rooms: those of --config, or of the network of the weights by the

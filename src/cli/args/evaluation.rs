@@ -55,7 +55,7 @@ pub(in crate::cli) struct Eval {
     pub(in crate::cli) fit: FitFlags,
     /// Give `lsdc` dense predictions of other programs as guides: a folder of files with the names of the frames, and
     /// what they hold (depth, disparity or log), as for `complete`. They belong to the frames that `lsdc export` writes.
-    /// Or depth-anything[:SIDE], as for `complete`.
+    /// Or depth-anything[:SIDE] or none, as for `complete`.
     #[arg(long, value_parser = typed::<GuideSpec>, value_name = "DIR[:KIND]", help_heading = "Methods", hide_short_help = true)]
     pub(in crate::cli) guide: Option<GuideSpec>,
     /// Depth head of --guide depth-anything, as for `complete` [default: learned].

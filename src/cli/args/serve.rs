@@ -1,7 +1,9 @@
 //! Arguments of `serve` and `view`.
 
 use super::Model;
+use super::values::no_guide;
 use clap::Args as ClapArgs;
+use lsdc_eval::predict::GuideSpec;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -36,6 +38,9 @@ pub(in crate::cli) struct Serve {
     pub(in crate::cli) tls_key: Option<PathBuf>,
     #[command(flatten)]
     pub(in crate::cli) limits: Limits,
+    /// `none`: without the guide that weights on an encoder have by default, from its depth head.
+    #[arg(long, value_parser = no_guide(), value_name = "none", help_heading = "Network", hide_short_help = true)]
+    pub(in crate::cli) guide: Option<GuideSpec>,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
 }

@@ -4,12 +4,14 @@
 mod training;
 
 use super::args::{Bench, Settings};
-use super::network::{at_quality, open_completer, open_system};
+use super::network::{at_quality, open_guided_completer, open_system};
 use super::{Exit, ui};
 use lsdc_core::Quality;
 use lsdc_eval::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split};
 use lsdc_eval::evaluation::{CompletionTimes, median_ms, time, time_deviations};
-use lsdc_eval::predict::{DepthCompleter as _, Method, MonocularGuide, complete_classic};
+use lsdc_eval::predict::{
+    DepthCompleter as _, GuideSpec, Method, MonocularGuide, complete_classic,
+};
 use lsdc_eval::sampling::{Pattern, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_kernels::simd::Level;
@@ -142,7 +144,8 @@ fn setting(args: &Bench, size: Size) -> Setting {
 fn complete(args: &Bench, size: Size) -> Result<Completing> {
     let guides = open_guides(args)?;
     let weights = args.model.weights.as_deref();
-    let completer = open_completer(weights, &args.model.device)?;
+    let none = args.guide.iter().find(|guide| **guide == GuideSpec::None);
+    let completer = open_guided_completer(weights, &args.model.device, none)?;
     let mut settings = *completer.fit_config();
     args.fit.apply(&mut settings);
     let completer = completer.with_fit(settings);
@@ -165,13 +168,16 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
 
 /// The networks that predict guides, by what was chosen.
 fn open_guides(args: &Bench) -> Result<BTreeMap<String, MonocularGuide>> {
-    let guides = args.guide.iter().map(|guide| {
-        let network = MonocularGuide::open(Some(guide))?.ok_or_else(|| {
-            Error::config(format!("the guide `{guide}` is read, not predicted"))
-                .hint("give --guide depth-anything or depth-anything:SIDE")
-        })?;
-        Ok((guide.to_string(), network))
-    });
+    let named = args.guide.iter();
+    let guides = named
+        .filter(|guide| **guide != GuideSpec::None)
+        .map(|guide| {
+            let network = MonocularGuide::open(Some(guide))?.ok_or_else(|| {
+                Error::config(format!("the guide `{guide}` is read, not predicted"))
+                    .hint("give --guide depth-anything or depth-anything:SIDE")
+            })?;
+            Ok((guide.to_string(), network))
+        });
     guides.collect()
 }
 

@@ -3,13 +3,15 @@
 use super::loaded::Loaded as Frame;
 use super::settings::Settings;
 use crate::cli::args::{Format, Model};
-use crate::cli::network::{at_quality, open_completer, open_guide, open_system};
+use crate::cli::network::{
+    at_quality, name_of_own_guide, open_guide, open_guided_completer, open_system, own_guide,
+};
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Quality, Scene};
 use lsdc_eval::data::{self, DepthMap, Sparse, Unit};
 use lsdc_eval::predict::{
-    Classic, DepthCompleter, Method, MonocularGuide, complete_classic, guided_scene,
+    Classic, DepthCompleter, GuideSpec, Method, MonocularGuide, complete_classic, guided_scene,
 };
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{MOST_TESTED, clamped_pixels};
@@ -24,6 +26,8 @@ pub(super) struct Engine<'a> {
     method: Loaded,
     /// The network that predicts guides, if one does.
     monocular: Option<MonocularGuide>,
+    /// The depth head that guides scenes without another guide, if one does.
+    own_guide: Option<String>,
     /// Whether diagnostics are reported.
     explains: bool,
     counts_outliers: bool,
@@ -121,6 +125,7 @@ pub(super) struct Diagnostics {
 impl<'a> Engine<'a> {
     /// Ready to work; `told` says whether diagnostics are printed.
     pub(super) fn new(settings: &'a Settings, told: bool) -> Result<Self> {
+        let mut own = None;
         let method = match settings.method {
             Method::Classic(method) => Loaded::Whole(Whole::Untrained(method)),
             Method::System(kind) => {
@@ -130,12 +135,18 @@ impl<'a> Engine<'a> {
             }
             Method::Lsdc => {
                 let Model { weights, device } = &settings.model;
-                let completer = open_completer(weights.as_deref(), device)?;
+                let guide = settings.guide.as_ref();
+                let completer = open_guided_completer(weights.as_deref(), device, guide)?;
+                if completer.has_depth_head() {
+                    own = own_guide(weights.as_deref(), device, guide)?;
+                }
                 let fit = settings.fit(completer.fit_config());
                 if settings.temporal {
                     check_temporal(&fit)?;
                 }
-                if settings.guide.is_some() && fit.method == FitMethod::Field {
+                if guide.is_some_and(|guide| *guide != GuideSpec::None)
+                    && fit.method == FitMethod::Field
+                {
                     return Err(Error::config(
                         "`--guide` would change nothing: a field alone has no basis functions",
                     )
@@ -152,6 +163,7 @@ impl<'a> Engine<'a> {
             settings,
             method,
             monocular,
+            own_guide: own.as_ref().map(name_of_own_guide),
             explains: told || in_files || settings.outliers,
             counts_outliers: in_files || settings.json,
         })
@@ -199,9 +211,9 @@ impl<'a> Engine<'a> {
         points: &Sparse,
         fitted: Fitted,
     ) -> Result<Completed> {
-        let guide_time = match &fitted {
-            Fitted::Trained(_, time) => *time,
-            Fitted::Whole(_) => None,
+        let (guide_time, is_guided) = match &fitted {
+            Fitted::Trained(completion, time) => (*time, completion.scene().is_guided()),
+            Fitted::Whole(_) => (None, false),
         };
         let (depth, clamped, diagnostics) = match fitted {
             Fitted::Trained(completion, _) => self.read_out(completion)?,
@@ -228,7 +240,10 @@ impl<'a> Engine<'a> {
             left_empty,
             filled,
             quality: self.settings.quality,
-            guide: self.monocular.as_ref().map(ToString::to_string),
+            guide: match &self.monocular {
+                Some(network) => Some(network.to_string()),
+                None => self.own_guide.clone().filter(|_| is_guided),
+            },
             guide_time,
             diagnostics,
         })

@@ -203,7 +203,7 @@ pub(super) fn one(settings: &Settings) -> Result<Job> {
 fn guide_of(settings: &Settings, name: &Path) -> Result<Option<PathBuf>> {
     match &settings.guide {
         Some(GuideSpec::Files(source)) => source.file_for(name).map(Some),
-        Some(GuideSpec::DepthAnything(_)) | None => Ok(None),
+        Some(GuideSpec::DepthAnything(_) | GuideSpec::None) | None => Ok(None),
     }
 }
 

@@ -5,6 +5,7 @@ use super::inputs::{Input, Job};
 use super::settings::Settings;
 use super::summary::Summary;
 use crate::cli::args::Recorded;
+use crate::cli::network::own_guide;
 use lsdc_core::fit::FitConfig;
 use lsdc_eval::data::write_atomically;
 use lsdc_eval::predict::{Method, MonocularGuide};
@@ -231,14 +232,22 @@ impl<'a> Decisive<'a> {
         let path = settings.model.weights.as_deref();
         let has_weights = !matches!(settings.method, Method::Classic(_));
         let fit = (settings.method == Method::Lsdc).then(|| weights_fit(path));
-        let guide_network = MonocularGuide::open(settings.guide.as_ref())?;
+        let guide = settings.guide.as_ref();
+        let guide_network = match MonocularGuide::open(guide)? {
+            Some(network) => Some(network.made_from()),
+            None if settings.method == Method::Lsdc => {
+                let own = own_guide(path, &settings.model.device, guide)?;
+                own.map(|own| Value::from(own.hash))
+            }
+            None => None,
+        };
         Ok(Self {
             numerics: provenance::numerics(),
             weights: has_weights.then(|| weights_hash(path)).transpose()?,
             fit: fit.transpose()?.map(|stored| settings.fit(&stored)),
             device: has_weights.then_some(&*settings.model.device),
             recording: settings.rgb.is_empty().then_some(&settings.recording),
-            guide_network: guide_network.as_ref().map(MonocularGuide::made_from),
+            guide_network,
             settings,
         })
     }

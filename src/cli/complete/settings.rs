@@ -342,7 +342,7 @@ mod as_text {
     pub(super) fn kind<S: Serializer>(guide: &Option<GuideSpec>, to: S) -> Result<S::Ok, S::Error> {
         let kind = guide.as_ref().map(|guide| match guide {
             GuideSpec::Files(source) => format!("{:?}", source.kind),
-            GuideSpec::DepthAnything(_) => guide.to_string(),
+            GuideSpec::None | GuideSpec::DepthAnything(_) => guide.to_string(),
         });
         kind.serialize(to)
     }

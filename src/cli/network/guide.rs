@@ -1,9 +1,50 @@
 //! The network that predicts guides.
 
-use crate::cli::ui;
+use super::open_completer;
+use crate::cli::{install, ui};
+use lsdc_core::Completer;
 use lsdc_eval::predict::{GuideSpec, MonocularGuide, MonocularSpec};
 use lsdc_files::error::Result;
-use lsdc_weights::ResizeLayer;
+use lsdc_weights::{
+    InstalledDepthAnything, ResizeLayer, guided_by_head, head_of, names_no_network, open_weights,
+};
+use std::path::Path;
+
+/// Opens weights by name on a device, with scenes that the depth head of their encoder guides unless `--guide` is given.
+/// Prints it if that head is not installed.
+pub(in crate::cli) fn open_guided_completer(
+    weights: Option<&Path>,
+    device: &str,
+    guide: Option<&GuideSpec>,
+) -> Result<Completer> {
+    let completer = open_completer(weights, device)?;
+    if guide.is_some() || !completer.can_have_depth_head() {
+        return Ok(completer);
+    }
+    let completer = guided_by_head(completer)?;
+    if !completer.has_depth_head() {
+        ui::say(install::UNGUIDED);
+    }
+    Ok(completer)
+}
+
+/// The depth head that guides the completer of [`open_guided_completer`], if one does.
+pub(in crate::cli) fn own_guide(
+    weights: Option<&Path>,
+    device: &str,
+    guide: Option<&GuideSpec>,
+) -> Result<Option<InstalledDepthAnything>> {
+    // On other devices, the features are not read back.
+    if guide.is_some() || device != "cpu" || names_no_network(weights) {
+        return Ok(None);
+    }
+    head_of(&open_weights(weights)?.network)
+}
+
+/// What reports call the guide by that head.
+pub(in crate::cli) fn named(own: &InstalledDepthAnything) -> String {
+    format!("depth head of the weights' encoder, {}", own.hash)
+}
 
 /// Opens the network that `--guide` names, if it names one, and prints how its guides differ from those that were
 /// measured.

@@ -56,6 +56,11 @@ pub trait Network: Debug + Send + Sync {
     /// An image that cannot be encoded.
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error>;
 
+    /// The sizes of the pretrained encoder, if the network reads one that was not changed since it was published.
+    fn published_encoder(&self) -> Option<&EncoderConfig> {
+        None
+    }
+
     /// Frees memory that is kept for further images.
     fn release(&self) {}
 }
@@ -68,6 +73,11 @@ pub trait Forward: Debug + Send + Sync {
     /// The affinities of each pixel with its right and lower neighbour, `[height, width, 2]`, and the height
     /// and width.
     fn affinities(&self) -> (Vec<f32>, (usize, usize));
+
+    /// The features of the published encoder, for its depth head (see [`Network::published_encoder`]).
+    fn published_features(&self) -> Option<Features> {
+        None
+    }
 }
 
 /// The basis functions of one image.
@@ -87,6 +97,8 @@ pub struct CpuNetwork(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     encoder: Option<Arc<Encoder>>,
+    /// Whether adapters have changed the encoder.
+    adapted: bool,
     extractor: Extractor,
     head: Head,
     affinities: Option<AffinityNet>,
@@ -125,6 +137,7 @@ impl CpuNetwork {
             (config.affinities > 0).then(|| AffinityNet::new(config, channels, &tensors));
         let inner = Inner {
             extractor: Extractor::new(&config.extractor, channels, config.mean, &tensors)?,
+            adapted: encoder.is_some() && config.adapters.is_some(),
             encoder,
             head: Head::new(config, &tensors)?,
             affinities: affinities.transpose()?,
@@ -152,6 +165,11 @@ impl Network for CpuNetwork {
             image: pool.copy(image, size.0, size.1, 3),
             network: self.clone(),
         }))
+    }
+
+    fn published_encoder(&self) -> Option<&EncoderConfig> {
+        let encoder = self.0.encoder.as_ref().filter(|_| !self.0.adapted);
+        encoder.map(|encoder| encoder.config())
     }
 
     fn release(&self) {
@@ -194,6 +212,16 @@ impl Forward for CpuForward {
         });
         let changes = changes.as_ref().map(|map| &map.values[..]);
         (affinities(&self.image.values, size, changes), size)
+    }
+
+    fn published_features(&self) -> Option<Features> {
+        let taps = self.network.published_encoder()?.taps.len();
+        let map = self.encoded.as_ref()?;
+        Some(Features::separated(
+            &map.values,
+            (map.height, map.width),
+            taps,
+        ))
     }
 }
 

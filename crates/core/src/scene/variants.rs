@@ -1,11 +1,11 @@
 //! Scenes of the same image with other settings, for which the network does not run again.
 
-use super::{Inner, Scene};
+use super::{Inner, Scene, predicted_guide};
 use crate::completer::Completer;
 use crate::depth_guide::DepthGuide;
 use crate::ensemble::Quality;
 use crate::error::{Result, SettingsError};
-use crate::fit::{Affinities, CosineBasis, FitConfig, Robust};
+use crate::fit::{Affinities, CosineBasis, FitConfig, FitMethod, Robust};
 use std::sync::{Arc, Mutex, OnceLock};
 
 impl Scene {
@@ -86,15 +86,25 @@ impl Scene {
         };
         let mirror = inner.mirror.as_ref();
         let mirror = mirror.map(|mirror| mirror.with_fit(fit)).transpose()?;
-        let (completer, depth_guide) = (inner.completer.with_fit(fit), inner.depth_guide.clone());
+        let completer = inner.completer.with_fit(fit);
+        let mut depth_guide = inner.depth_guide.clone();
+        // Nothing was predicted for a field alone, which takes no guide.
+        if depth_guide.is_none() && before == FitMethod::Field && !same {
+            let predict = || predicted_guide(&completer, &*inner.forward);
+            depth_guide = completer.run(predict)?;
+        }
         Ok(self.with_settings(completer, depth_guide, guided_affinities, mirror))
     }
 
     /// The same scene with another prediction of its depth by other means, or none (see
-    /// [`Completer::guided_scene`]): the network does not run again.
+    /// [`Completer::guided_scene`]), not even that of a [depth head](Completer::has_depth_head): the network does not run
+    /// again.
     #[must_use]
     pub fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
-        let completer = self.0.completer.clone();
+        let completer = match guide {
+            None => self.0.completer.without_depth_head(),
+            Some(_) => self.0.completer.clone(),
+        };
         let mirror = self.0.mirror.as_ref();
         let mirror = mirror.map(|mirror| {
             let guide = guide.map(DepthGuide::mirrored);

@@ -12,9 +12,14 @@ use std::str::FromStr;
 /// The name of the network that predicts guides.
 pub const DEPTH_ANYTHING: &str = "depth-anything";
 
+/// The name that stands for no guide.
+const NO_GUIDE: &str = "none";
+
 /// What `--guide` names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GuideSpec {
+    /// No guide, not even that which weights on an encoder have by default.
+    None,
     /// Predictions of other programs, in files.
     Files(GuideSource),
     /// Predictions of Depth Anything V2 Small.
@@ -38,6 +43,8 @@ impl GuideSpec {
     pub fn with_head(self, head: Option<ResizeLayer>) -> Result<Self> {
         match (self, head) {
             (spec, None) => Ok(spec),
+            (Self::None, Some(_)) => Err(Error::config("`--head` is for a guide, not for none")
+                .hint(format!("give --guide {DEPTH_ANYTHING}, or leave it out"))),
             (Self::DepthAnything(spec), Some(layer)) => {
                 Ok(Self::DepthAnything(MonocularSpec { layer, ..spec }))
             }
@@ -52,8 +59,11 @@ impl GuideSpec {
 impl FromStr for GuideSpec {
     type Err = Error;
 
-    /// `depth-anything`, `depth-anything:SIDE`, or what [`GuideSource`] reads.
+    /// `none`, `depth-anything`, `depth-anything:SIDE`, or what [`GuideSource`] reads.
     fn from_str(text: &str) -> Result<Self> {
+        if text == NO_GUIDE {
+            return Ok(Self::None);
+        }
         let (name, side) = match text.split_once(':') {
             Some((name, side)) => (name, Some(side)),
             None => (text, None),
@@ -86,6 +96,7 @@ impl FromStr for GuideSpec {
 impl Display for GuideSpec {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         match self {
+            Self::None => f.write_str(NO_GUIDE),
             Self::Files(source) => source.fmt(f),
             Self::DepthAnything(spec) => spec.fmt(f),
         }
@@ -215,7 +226,9 @@ mod tests {
             let error = parsed(text).unwrap_err();
             assert!(error.advice().unwrap().contains("252 to 518"), "{text}");
         }
-        for text in ["./depth-anything", "depth-anything.npy:disparity"] {
+        assert_eq!(parsed("none").unwrap(), GuideSpec::None);
+        assert_eq!(GuideSpec::None.to_string(), "none");
+        for text in ["./none", "./depth-anything", "depth-anything.npy:disparity"] {
             assert!(matches!(parsed(text), Ok(GuideSpec::Files(_))), "{text}");
         }
     }

@@ -5,7 +5,7 @@
 //! the steps so that the centres of the corner pixels coincide (`align_corners = true` in `PyTorch`).
 
 use super::Features;
-use super::config::PATCH;
+use super::config::{EncoderConfig, PATCH};
 use crate::bilinear::between;
 use crate::error::{Error, FitError, WeightsError};
 use crate::network::map::{Map, Pool};
@@ -110,6 +110,18 @@ impl DepthHead {
         }
         // On a thread of the pool, which need not be awaited for each step.
         Ok(rayon::scope(|_| self.run(features)))
+    }
+
+    /// Checks that the head reads as many taps, as wide, as an encoder has.
+    ///
+    /// # Errors
+    /// It does not.
+    pub fn check(&self, encoder: &EncoderConfig) -> Result<(), WeightsError> {
+        if encoder.taps.len() == TAPS && encoder.width == self.width {
+            return Ok(());
+        }
+        let what = "its depth head reads the features of another encoder";
+        Err(WeightsError::Unsupported(what))
     }
 
     /// Frees the memory that is kept for further images.

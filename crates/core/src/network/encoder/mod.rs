@@ -54,6 +54,27 @@ pub struct Features {
     pub taps: Vec<Vec<f32>>,
 }
 
+impl Features {
+    /// Features whose `taps` lie side by side, `[rows, columns, channels]`, as in a [`FeatureMap`].
+    pub(in crate::network) fn separated(
+        values: &[f32],
+        (rows, columns): (usize, usize),
+        taps: usize,
+    ) -> Self {
+        let width = values.len() / (rows * columns * taps).max(1);
+        let tap = |i: usize| {
+            let patches = values.chunks_exact((taps * width).max(1));
+            let own = patches.flat_map(|patch| &patch[i * width..][..width]);
+            own.copied().collect()
+        };
+        Self {
+            columns,
+            rows,
+            taps: (0..taps).map(tap).collect(),
+        }
+    }
+}
+
 impl Encoder {
     /// Prepares an encoder from tensors by the names that `DINOv2` gives them.
     ///

@@ -222,3 +222,17 @@ fn tokens_enter_a_block_as_the_one_before_leaves_them() {
     assert!(encoder.tokens_before(&image(42, 56), size, 3).is_err());
     assert!(encoder.tokens_before(&image(42, 56), (42, 55), 1).is_err());
 }
+
+#[test]
+fn a_map_of_features_is_separated_into_its_taps() {
+    let encoder = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
+    // Of as many pixels as the encoder reads, so that nothing is resized.
+    let (rows, columns) = FeatureMap::size((336, 448));
+    let size = (rows * PATCH, columns * PATCH);
+    let image = image(size.0, size.1);
+    let map = encoder.encode(&image, size).unwrap();
+    let found = Features::separated(&map.values, (map.rows, map.columns), 2);
+    let expected = encoder.features(&image, size).unwrap();
+    assert_eq!((found.rows, found.columns), (rows, columns));
+    assert_eq!(found.taps, expected.taps);
+}
