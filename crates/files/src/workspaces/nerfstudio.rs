@@ -21,7 +21,7 @@ pub(super) const TRANSFORMS: &str = "transforms.json";
 const PER_UNIT: f64 = 1000.0;
 
 /// The farthest depth in a PNG.
-const LARGEST: f64 = u16::MAX as f64 / PER_UNIT;
+const LARGEST: f32 = (u16::MAX as f64 / PER_UNIT) as f32;
 
 /// How the depths of all images are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,7 +39,9 @@ impl DepthFormat {
         const NEAREST: f64 = 0.5;
         const MARGIN: f64 = 4.0;
         match range {
-            Some([nearest, farthest]) if nearest >= NEAREST && MARGIN * farthest <= LARGEST => {
+            Some([nearest, farthest])
+                if nearest >= NEAREST && MARGIN * farthest <= f64::from(LARGEST) =>
+            {
                 Self::Png
             }
             _ => Self::Npy,
@@ -61,9 +63,9 @@ impl DepthFormat {
         match self {
             Self::Png => {
                 let step = PER_UNIT.recip();
-                let farthest = values.clone().filter(|v| f64::from(**v) > LARGEST);
+                let farthest = values.clone().filter(|v| **v > LARGEST);
                 let counts = [raised_in_png(depth, step), farthest.count()];
-                let held = values.map(|v| v.min(LARGEST as f32)).collect();
+                let held = values.map(|v| v.min(LARGEST)).collect();
                 let held = DepthMap::new(width, height, held)?;
                 Ok((encode_depth_png(&held, step)?, counts))
             }
