@@ -5,8 +5,8 @@
 
 Needs `cargo build --release` and the Python package of this repository (`pip install ./python`) with numpy, onnx and
 onnxruntime. Checks the graphs with `onnx.checker`, then prints for each of the weights and sizes the largest relative
-differences: of basis functions, as shares of the largest value of each function, of affinities through a completion's depths,
-and of standard deviations. Fails if one exceeds 1e-4. Times of the network are medians of some runs.
+differences: of basis functions, as shares of the largest value of each function, and of the depths and standard deviations
+of a completion, which depend on the affinities. Fails if one exceeds 1e-4. Times of the network are medians of some runs.
 """
 
 import argparse

@@ -27,8 +27,8 @@ pub struct NetworkInput {
     pub values: Vec<f32>,
 }
 
-/// Basis functions and affinities of one image, computed by another program, such as ONNX Runtime with exported weights.
-/// Cheap to clone.
+/// Basis functions and affinities of one image, computed by another program, such as ONNX Runtime with exported
+/// weights. Cheap to clone.
 ///
 /// A scene of them is [`Completer::scene_with_output`].
 #[derive(Clone)]
@@ -55,9 +55,9 @@ impl std::fmt::Debug for NetworkOutput {
 }
 
 impl NetworkOutput {
-    /// The output for an image of this size: `basis` is `[functions, height, width]`, of which the first is the constant 1
-    /// or the depth that the image suggests, up to scale. `affinities` are `[2, height, width]`, those of each pixel with its
-    /// right and its lower neighbour.
+    /// The output for an image of this size: `basis` is `[functions, height, width]`, of which the first is the constant
+    /// 1 or the depth that the image suggests, up to scale. `affinities` are `[2, height, width]`, those of each pixel
+    /// with its right and its lower neighbour.
     ///
     /// # Errors
     /// A side of 0, arrays of other lengths, values that are not finite, or negative affinities.
@@ -175,8 +175,8 @@ impl Basis for NetworkOutput {
 }
 
 impl Completer {
-    /// The input of the network for an image: resized to the working size, without normalisation, which is part of exported
-    /// weights.
+    /// The input of the network for an image: resized to the working size, without normalisation, which is part of
+    /// exported weights.
     ///
     /// # Errors
     /// Colours that are not finite or far above 1.
@@ -193,13 +193,13 @@ impl Completer {
         })
     }
 
-    /// A scene of an image whose network another program ran, on the [`NetworkInput`] of this completer or the image at any
-    /// other size. A fit with a field is solved at the size of the output; other fits read basis functions between its
-    /// pixels.
+    /// A scene of an image whose network another program ran, on the [`NetworkInput`] of this completer or the image at
+    /// any other size. A fit with a field is solved at the size of the output; other fits read basis functions between
+    /// its pixels.
     ///
     /// # Errors
-    /// A number of basis functions that the prior of the weights is not for; [`Quality::Best`], which needs the output for
-    /// the mirror image too; colours that are not finite, or settings out of range.
+    /// A number of basis functions that the prior of the weights is not for; [`Quality::Best`], which needs the output
+    /// for the mirror image too; colours that are not finite, or settings out of range.
     ///
     /// ```
     /// # #[cfg(feature = "weights")]

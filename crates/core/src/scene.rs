@@ -139,7 +139,8 @@ impl Scene {
         Self::of(completer, (rgb, size), output, depth_guide, mirror, started)
     }
 
-    /// The scene of an image of some size (height, width), whose network runs from `started` on, unless its `output` is given.
+    /// The scene of an image of some size (height, width), whose network runs from `started` on, unless its `output` is
+    /// given.
     fn of(
         completer: Completer,
         (rgb, (height, width)): (Vec<u8>, (usize, usize)),

@@ -83,8 +83,8 @@ pub(in crate::cli) struct Convert {
 
 #[derive(Debug, ClapArgs)]
 #[command(
-    after_help = "The input `image` is [batch, 3, height, width], red, green and blue from 0 to 1; height and width are \
-                        free. The outputs are `basis`, the basis functions, and `affinities`, of each pixel with its \
+    after_help = "The input `image` is [batch, 3, height, width], red, green and blue from 0 to 1; height and width \
+                        are free. The outputs are `basis`, the basis functions, and `affinities`, of each pixel with its \
                         right and lower neighbour. Python fits them to depths: `completer.scene(image, outputs=...)`. \
                         `anything` cannot be exported."
 )]

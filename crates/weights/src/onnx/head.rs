@@ -1,7 +1,7 @@
 //! From features to basis functions: the MLP at full resolution.
 //!
-//! As in `lsdc-core`, the first layer on features is applied before they are enlarged, which commutes with it, and that on
-//! the codes of positions to one row and one column of the image.
+//! As in `lsdc-core`, the first layer on features is applied before they are enlarged, which commutes with it, and that
+//! on the codes of positions to one row and one column of the image.
 
 use super::extractor::Features;
 use super::graph::{COLUMNS, Graph, ROWS, int};
@@ -92,8 +92,8 @@ fn first_layer(
     Ok(graph.apply("Relu", &[&x]))
 }
 
-/// What the codes of the positions along an axis add to the first layer, of which `weights` `[columns, 2 octaves]` is the
-/// part on these codes: `[1, columns, height, 1]` or `[1, columns, 1, width]`.
+/// What the codes of the positions along an axis add to the first layer, `[1, columns, height, 1]` or
+/// `[1, columns, 1, width]`; `weights` `[columns, 2 octaves]` are those on these codes.
 fn position_terms(
     graph: &mut Graph,
     size: &str,

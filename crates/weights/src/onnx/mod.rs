@@ -32,7 +32,7 @@ const IR_VERSION: i64 = 7;
 /// | name | shape | values |
 /// |---|---|---|
 /// | `image` | `[batch, 3, height, width]` | red, green, blue from 0 to 1; normalisation is part of the graph |
-/// | `basis` | `[batch, N + 1, height, width]` | basis functions; the first is the constant 1, or the map of depth up to scale |
+/// | `basis` | `[batch, N + 1, height, width]` | the basis functions; the first is 1, or a depth map up to scale |
 /// | `affinities` | `[batch, 2, height, width]` | of each pixel with its right and its lower neighbour, above 0 |
 ///
 /// # Errors
