@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Literal, Union, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from . import _native
 from ._completion import Completion
 from ._errors import InputError, ReadError, SettingsError, WeightsError
-from ._input import Array, ImageLike, Noise, Order, Size, Unit, as_image, as_size
+from ._input import Array, ImageLike, Noise, Order, Size, Unit, as_image, as_outputs, as_size
 from ._many import Completed, Progress, complete_each
 from ._scene import Guide, Scene, Sparse, as_native_guide
 from ._settings import FitSettings, Robust, as_json
@@ -127,6 +130,7 @@ class Completer:
         image: ImageLike,
         *,
         guide: Guide | Literal["none"] | None = None,
+        outputs: Sequence[Array] | None = None,
         order: Order = "rgb",
     ) -> Scene:
         """Runs the network on an image, and computes everything that depends on the image alone.
@@ -138,18 +142,32 @@ class Completer:
         guide : DepthGuide, array (H, W) or "none", optional
             A prediction of its depth by other means; an array is one of depths. By default, that of the depth head of
             the weights "anything", if it is installed; "none" switches this off.
+        outputs : (basis, affinities), optional
+            Basis functions (functions, H', W') and affinities (2, H', W') that another program computed, in place of
+            the network: with weights from `lsdc weights export`, from `network_input(image)`.
         order : "rgb" or "bgr"
             The order of the colours in memory: "bgr" as read by OpenCV.
 
         Raises
         ------
         InputError
-            Not an image, or one with colours that are NaN or far above 1.
+            Not an image, or one with colours that are NaN or far above 1; outputs of other shapes.
         """
-        given = None if guide is None or isinstance(guide, str) else as_native_guide(guide)
         if isinstance(guide, str) and guide != "none":
             raise InputError(f'`guide` is "{guide}", neither a map nor "none"')
-        return Scene(self._here().scene(*as_image(image, order), given, guide is None))
+        given = None if guide is None or isinstance(guide, str) else as_native_guide(guide)
+        known = None if outputs is None else as_outputs(outputs)
+        return Scene(self._here().scene(*as_image(image, order), known, given, guide is None))
+
+    def network_input(self, image: ImageLike, *, order: Order = "rgb") -> NDArray[np.float32]:
+        """The input of the network for an image, `(1, 3, H', W')`: resized to the working size, colours from 0 to 1.
+
+        The network of `lsdc weights export` reads it in another program, whose outputs `scene` takes.
+
+        >>> lsdc.Completer("small").network_input(image).shape
+        (1, 3, 228, 304)
+        """
+        return self._here().network_input(*as_image(image, order))[None]
 
     def complete(
         self,

@@ -9,6 +9,7 @@ import operator
 import os
 import reprlib
 import sys
+from collections.abc import Sequence
 from typing import Any, Literal, Protocol, Union, cast
 
 import numpy as np
@@ -108,6 +109,30 @@ def _unpacked(value: ImageLike) -> Array:
     picture = cast(Any, value)
     known = picture.mode in ("L", "RGB", "RGBA", "I;16")
     return cast(Array, picture if known else picture.convert("RGB"))
+
+
+def as_outputs(value: Sequence[Array]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Basis functions `(functions, H, W)` and affinities `(2, H, W)` of one image, without the axis of a batch of one."""
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        what = "`outputs` is not a pair of basis functions and affinities"
+        raise InputError(what, 'with ONNX Runtime: `session.run(["basis", "affinities"], {"image": image})`') from None
+
+    def of_one(array: Array, what: str) -> NDArray[np.float32]:
+        found = as_array(array, what)
+        if found.ndim == 4 and found.shape[0] == 1:
+            found = found[0]
+        if found.ndim != 3 or found.dtype.kind != "f":
+            hint = "give floats (channels, H, W) of one image"
+            raise InputError(f"{what} cannot be {_shape(found)} of {found.dtype}", hint)
+        return np.ascontiguousarray(found, dtype=np.float32)
+
+    basis, affinities = of_one(first, "basis functions"), of_one(second, "affinities")
+    if affinities.shape != (2, *basis.shape[1:]):
+        expected = f"{_shape(affinities)} are not the affinities of basis functions {_shape(basis)}"
+        raise InputError(expected, "give (2, H, W): of each pixel with its right and its lower neighbour")
+    return basis, affinities
 
 
 def as_guide(value: Array) -> NDArray[np.float32]:

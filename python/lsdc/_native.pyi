@@ -76,7 +76,15 @@ class Completer:
     def has_depth_head(self) -> bool: ...
     @property
     def threads(self) -> int: ...
-    def scene(self, colours: _Colours, bgr: bool, guide: DepthGuide | None, own_guide: bool) -> Scene: ...
+    def scene(
+        self,
+        colours: _Colours,
+        bgr: bool,
+        output: tuple[NDArray[np.float32], NDArray[np.float32]] | None,
+        guide: DepthGuide | None,
+        own_guide: bool,
+    ) -> Scene: ...
+    def network_input(self, colours: _Colours, bgr: bool) -> NDArray[np.float32]: ...
 
 @final
 class Scene:

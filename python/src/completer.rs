@@ -6,7 +6,8 @@ use crate::image::{Colours, copy};
 use crate::pool::Pool;
 use crate::scene::Scene;
 use crate::settings::changed;
-use lsdc_core::Weights;
+use lsdc_core::{NetworkOutput, Weights};
+use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::sync::Arc;
@@ -117,26 +118,56 @@ impl Completer {
         self.pool.count()
     }
 
-    /// Without `guide`, scenes are guided by the depth head of the encoder, if it is installed and `own_guide` is set.
+    /// `output` are basis functions and affinities that another program computed, `(functions, height, width)` and
+    /// `(2, height, width)`. Without `guide`, scenes are guided by the depth head of the encoder, if it is installed and
+    /// `own_guide` is set.
     fn scene(
         &self,
         py: Python<'_>,
         colours: Colours<'_>,
         bgr: bool,
+        output: Option<(PyReadonlyArray3<'_, f32>, PyReadonlyArray3<'_, f32>)>,
         guide: Option<&DepthGuide>,
         own_guide: bool,
     ) -> PyResult<Scene> {
         let image = colours.image(py, bgr)?;
+        let output = output
+            .map(|(basis, affinities)| {
+                let (height, width) = (basis.shape()[1], basis.shape()[2]);
+                let [basis, affinities] = [basis.as_slice()?, affinities.as_slice()?];
+                // Copied: arrays may be written to while others compute.
+                let (basis, affinities) = (basis.to_vec(), affinities.to_vec());
+                let output = NetworkOutput::new(width, height, basis, affinities);
+                output.map_err(|error| raised(py, &error))
+            })
+            .transpose()?;
         let guide = guide.map(|guide| guide.0.clone());
         let scene = self.pool.run(py, || {
-            let scene = match &guide {
-                Some(guide) => self.inner.guided_scene(&image, guide)?,
-                None if own_guide => self.inner.scene(&image)?,
-                None => self.inner.without_depth_head().scene(&image)?,
+            let scene = match (&output, &guide) {
+                (Some(output), guide) => {
+                    let scene = self.inner.scene_with_output(&image, output)?;
+                    scene.with_guide(guide.as_ref())
+                }
+                (None, Some(guide)) => self.inner.guided_scene(&image, guide)?,
+                (None, None) if own_guide => self.inner.scene(&image)?,
+                (None, None) => self.inner.without_depth_head().scene(&image)?,
             };
             Ok((scene, Arc::new(copy(&image)?)))
         });
         let (scene, colours) = scene?;
         Ok(Scene::new(scene, colours, self.pool.clone()))
+    }
+
+    /// The image as exported weights read it, `(3, height, width)`.
+    fn network_input<'py>(
+        &self,
+        py: Python<'py>,
+        colours: Colours<'_>,
+        bgr: bool,
+    ) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let image = colours.image(py, bgr)?;
+        let input = self.pool.run(py, || self.inner.network_input(&image))?;
+        let shape = [3, input.height, input.width];
+        PyArray1::from_vec(py, input.values).reshape(shape)
     }
 }

@@ -47,6 +47,29 @@ fn weights_are_listed_described_and_converted() {
 }
 
 #[test]
+fn networks_are_exported_as_onnx() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let export = ["weights", "export", "small", "--onnx", "small.onnx"];
+    let printed = text(&lsdc(at).args(export).assert().success());
+    assert!(printed.starts_with("written   small.onnx, "), "{printed}");
+    let weights = open_weights(Some(Path::new("small"))).unwrap();
+    let bytes = std::fs::read(at.join("small.onnx")).unwrap();
+    assert_eq!(
+        bytes,
+        lsdc_weights::to_onnx(
+            &weights,
+            &lsdc_weights::weights_name(Some(Path::new("small"))).unwrap()
+        )
+        .unwrap()
+    );
+    refused(at, &export, &["exists", "--force"]);
+    let anything = ["weights", "export", "anything", "--onnx", "a.onnx"];
+    refused(at, &anything, &["pretrained encoder", "`default`"]);
+    assert!(!at.join("a.onnx").exists());
+}
+
+#[test]
 fn all_weights_of_the_program_are_better_than_none() {
     let folder = room();
     let at = folder.path();

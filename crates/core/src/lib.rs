@@ -77,6 +77,7 @@ mod map;
 pub mod nearest;
 #[doc(hidden)]
 pub mod network;
+mod network_output;
 mod noise_model;
 mod observations;
 mod resize;
@@ -106,6 +107,7 @@ pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError
 pub use fit::RANGE;
 pub use image::{Channels, Image, MAX_PIXELS};
 pub use map::{DepthMap, Point};
+pub use network_output::{NetworkInput, NetworkOutput};
 pub use noise_model::DepthNoise;
 pub use observations::{Observation, Observations};
 pub use scene::Scene;
@@ -127,6 +129,7 @@ const _: () = {
     shared::<Scene>();
     shared::<Completion>();
     shared::<DepthAnything>();
+    shared::<NetworkOutput>();
     shared::<Weights>();
     shared::<Observations>();
 };

@@ -15,6 +15,7 @@ use crate::fit::{
 };
 use crate::image::Image;
 use crate::network::{Basis, Forward, PATCH};
+use crate::network_output::NetworkOutput;
 use crate::observations::Observations;
 use crate::resize::resized;
 use crate::upsampling::Upsampling;
@@ -79,7 +80,7 @@ impl Completer {
     /// # Errors
     /// Colours that are not finite, settings that are out of range, or affinities of a damaged network.
     pub fn scene(&self, image: &Image<'_>) -> Result<Scene> {
-        Scene::new(self.clone(), image, None)
+        Scene::new(self.clone(), image, None, None)
     }
 
     /// The same with a dense prediction of the depth of the image by other means, which need not be of its size.
@@ -110,7 +111,7 @@ impl Completer {
     /// # fn main() {}
     /// ```
     pub fn guided_scene(&self, image: &Image<'_>, guide: &DepthGuide) -> Result<Scene> {
-        Scene::new(self.clone(), image, Some(guide.clone()))
+        Scene::new(self.clone(), image, None, Some(guide.clone()))
     }
 }
 
@@ -132,9 +133,11 @@ fn predicted_guide(completer: &Completer, forward: &dyn Forward) -> Result<Optio
 }
 
 impl Scene {
-    fn new(
+    /// `output` is that of the network, if another program ran it, at [`Quality::Standard`].
+    pub(crate) fn new(
         completer: Completer,
         image: &Image<'_>,
+        output: Option<&NetworkOutput>,
         depth_guide: Option<DepthGuide>,
     ) -> Result<Self> {
         let started = Instant::now();
@@ -147,31 +150,38 @@ impl Scene {
                 let rgb = mirrored(&rgb, size.1, 3);
                 let guide = depth_guide.as_ref().map(DepthGuide::mirrored);
                 let completer = completer.with_quality(Quality::Standard);
-                Some(Self::of(completer, (rgb, size), guide, None, started)?)
+                let image = (rgb, size);
+                Some(Self::of(completer, image, None, guide, None, started)?)
             }
         };
-        Self::of(completer, (rgb, size), depth_guide, mirror, started)
+        Self::of(completer, (rgb, size), output, depth_guide, mirror, started)
     }
 
-    /// The scene of an image of some size (height, width), whose network has run since `started`.
+    /// The scene of an image of some size (height, width), whose network runs from `started` on, unless its `output` is
+    /// given.
     fn of(
         completer: Completer,
         (rgb, (height, width)): (Vec<u8>, (usize, usize)),
+        output: Option<&NetworkOutput>,
         depth_guide: Option<DepthGuide>,
         mirror: Option<Self>,
         started: Instant,
     ) -> Result<Self> {
         let normalisation = *completer.normalisation();
-        let [rows, columns] = normalisation.input;
-        let scale = ((rows * columns) as f64 / (width as f64 * height as f64)).sqrt();
-        let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
-        let working = (side(height), side(width));
+        let working = match output {
+            Some(output) => output.size(),
+            None => normalisation.working_size((height, width)),
+        };
         let colours = resized(&rgb, (height, width), working)?;
-        let values = normalised(&colours, normalisation.mean, normalisation.deviation);
         let fit_method = completer.fit_config().method;
         let has_field = fit_method.has_field();
-        let network = completer.network();
-        let forward = completer.run(|| network.forward(&values, working))?;
+        let forward: Box<dyn Forward> = if let Some(output) = output {
+            Box::new(output.clone())
+        } else {
+            let values = normalised(&colours, normalisation.mean, normalisation.deviation);
+            let network = completer.network();
+            completer.run(|| network.forward(&values, working))?
+        };
         // A field alone takes no guide.
         let predicts = depth_guide.is_none() && fit_method != FitMethod::Field;
         let predicted = || {

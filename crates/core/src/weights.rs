@@ -35,6 +35,15 @@ impl Default for Normalisation {
 }
 
 impl Normalisation {
+    /// Height and width at which the network works on an image of `size`: about as many pixels as the training images
+    /// have, in the image's proportions.
+    pub(crate) fn working_size(&self, (height, width): (usize, usize)) -> (usize, usize) {
+        let [rows, columns] = self.input;
+        let scale = ((rows * columns) as f64 / (width as f64 * height as f64)).sqrt();
+        let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
+        (side(height), side(width))
+    }
+
     /// Checks every number.
     ///
     /// # Errors

@@ -27,6 +27,8 @@ pub mod history;
 mod installed;
 mod known;
 mod names;
+#[cfg(feature = "onnx")]
+mod onnx;
 mod pickle;
 pub mod provenance;
 mod pytorch;
@@ -49,6 +51,8 @@ pub use installed::{
 };
 pub use known::{ANYTHING, KNOWN, KnownEncoder, KnownHead, identity, recognise};
 pub use lsdc_files::error;
+#[cfg(feature = "onnx")]
+pub use onnx::{OPSET, to_onnx};
 pub use store::{FOLDER, Installation, Store, how_to_install};
 pub use write::{Precision, stored_bytes, to_bytes};
 

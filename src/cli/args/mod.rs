@@ -31,7 +31,7 @@ pub(super) use values::Format;
 use values::{dataset, split};
 #[cfg(feature = "download")]
 pub(super) use weights::Get;
-pub(super) use weights::{Add, Convert, WeightsCommand};
+pub(super) use weights::{Add, Convert, Export, WeightsCommand};
 
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use lsdc_eval::data::{DatasetKind, Split};
@@ -82,7 +82,7 @@ pub(super) enum Command {
     /// Train a network.
     #[cfg(feature = "train")]
     Train(Train),
-    /// List, install, describe and convert weights.
+    /// List, install, describe, convert and export weights.
     #[command(subcommand)]
     Weights(WeightsCommand),
     /// Learn the prior over the weights of the basis functions and calibrate the standard deviations, as

@@ -30,6 +30,8 @@ pub(in crate::cli) enum WeightsCommand {
     },
     /// Write weights in another precision.
     Convert(Convert),
+    /// Write the network of weights as an ONNX graph, for ONNX Runtime, TensorRT and other runtimes.
+    Export(Export),
 }
 
 #[cfg(feature = "download")]
@@ -74,6 +76,24 @@ pub(in crate::cli) struct Convert {
     /// Precision of the network's parameters: f16 or f32.
     #[arg(long, value_parser = precision(), default_value = "f16", value_name = "TYPE")]
     pub(in crate::cli) precision: Precision,
+    /// Replace the file if it exists.
+    #[arg(long)]
+    pub(in crate::cli) force: bool,
+}
+
+#[derive(Debug, ClapArgs)]
+#[command(
+    after_help = "The input `image` is [batch, 3, height, width], red, green and blue from 0 to 1; height and width \
+                        are free. The outputs are `basis`, the basis functions, and `affinities`, of each pixel with its \
+                        right and lower neighbour. Python fits them to depths: `completer.scene(image, outputs=...)`. \
+                        `anything` cannot be exported."
+)]
+pub(in crate::cli) struct Export {
+    /// Weights file, or a name shown by `list`.
+    pub(in crate::cli) input: PathBuf,
+    /// ONNX file to write (opset 13, f32).
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) onnx: PathBuf,
     /// Replace the file if it exists.
     #[arg(long)]
     pub(in crate::cli) force: bool,

@@ -1,9 +1,9 @@
-//! `lsdc weights`: what weights there are, what they are, and in which precision.
+//! `lsdc weights`: what weights there are, what they are, in which precision, and as ONNX.
 
 #[cfg(feature = "train")]
 mod system;
 
-use super::args::{Convert, WeightsCommand};
+use super::args::{Convert, Export, WeightsCommand};
 use super::{Exit, install, ui};
 use lsdc_core::network::AdapterConfig;
 use lsdc_eval::data::{check_output, write_atomically};
@@ -11,9 +11,9 @@ use lsdc_eval::metrics::{Metric, Scores};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::history::{self, HistoryEntry};
 use lsdc_weights::is_system;
-use lsdc_weights::to_bytes;
 use lsdc_weights::training_sets::{self, HEAD_LICENCE, HEAD_TENSOR, TrainingSet};
 use lsdc_weights::{KNOWN, Store, how_to_install};
+use lsdc_weights::{OPSET, to_bytes, to_onnx};
 use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE};
 use lsdc_weights::{embedded, embedded_with, named, open_weights, weights_hash, weights_name};
 use serde_json::{Value, json};
@@ -30,6 +30,7 @@ pub(super) fn run(command: &WeightsCommand) -> Result<Exit> {
         WeightsCommand::Add(args) => install::add(args)?,
         WeightsCommand::Info { file, json } => info(file.as_deref(), *json)?,
         WeightsCommand::Convert(args) => convert(args)?,
+        WeightsCommand::Export(args) => export(args)?,
     }
     Ok(Exit::Done)
 }
@@ -225,10 +226,23 @@ fn convert(args: &Convert) -> Result<()> {
     let made = history::changed(&by, Some(&args.input), &weights)?;
     history::add(&mut weights.notes, [made])?;
     let bytes = to_bytes(&weights, args.precision)?;
-    write_atomically(&args.output, |out| out.write_all(&bytes))?;
+    written(&args.output, &bytes)
+}
+
+fn export(args: &Export) -> Result<()> {
+    check_output(&args.onnx, args.force)?;
+    let weights = open_weights(Some(&args.input))?;
+    let origin = weights_name(Some(&args.input))?;
+    let bytes = to_onnx(&weights, &origin)?;
+    ui::say(&format!("opset {OPSET}, f32; weights {origin}"));
+    written(&args.onnx, &bytes)
+}
+
+fn written(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomically(path, |out| out.write_all(bytes))?;
     ui::print(&format!(
         "written   {}, {:.1} MB",
-        args.output.display(),
+        path.display(),
         bytes.len() as f64 / 1e6
     ));
     Ok(())

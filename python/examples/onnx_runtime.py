@@ -1,0 +1,42 @@
+#!/usr/bin/env python3
+"""Completes an image whose network runs in ONNX Runtime, and compares the depths with those of lsdc alone.
+
+    pip install lsdc onnxruntime pillow
+    lsdc weights export default --onnx default.onnx
+    python3 onnx_runtime.py default.onnx assets/room/color.jpg assets/room/sparse.npy
+
+Any other runtime that reads ONNX takes the place of ONNX Runtime, on any device.
+"""
+
+import argparse
+
+import numpy as np
+import onnxruntime
+
+import lsdc
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("network", help="from `lsdc weights export`")
+    parser.add_argument("image")
+    parser.add_argument("sparse", help="a depth map or points in metres, as for `Scene.complete`")
+    parser.add_argument("--weights", default="default", help="that were exported: the fit needs their prior")
+    args = parser.parse_args()
+
+    session = onnxruntime.InferenceSession(args.network)
+    completer = lsdc.Completer(args.weights)
+    # Resized as for training; any other size is possible, at the cost of accuracy.
+    inputs = {"image": completer.network_input(args.image)}
+    outputs = session.run(["basis", "affinities"], inputs)
+    scene = completer.scene(args.image, outputs=outputs)
+    depth = scene.complete(args.sparse, unit="m").depth
+
+    alone = completer.complete(args.image, args.sparse, unit="m").depth
+    difference = np.abs(depth / alone - 1).max()
+    print(f"{depth.shape[1]}x{depth.shape[0]} pixels, {depth.min():.3f} to {depth.max():.3f} m")
+    print(f"largest difference from lsdc alone: {difference:.1e} of the depth")
+
+
+if __name__ == "__main__":
+    main()
