@@ -156,11 +156,12 @@ fn quaternion(m: [[f64; 3]; 3]) -> [f64; 4] {
     let mut q = [0.0; 4];
     match largest {
         None => {
-            q[3] = 1.0 + trace;
-            for i in 0..3 {
+            let axes = [0, 1, 2].map(|i| {
                 let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-                q[i] = m[k][j] - m[j][k];
-            }
+                m[k][j] - m[j][k]
+            });
+            q[..3].copy_from_slice(&axes);
+            q[3] = 1.0 + trace;
         }
         Some(i) => {
             let (j, k) = ((i + 1) % 3, (i + 2) % 3);
