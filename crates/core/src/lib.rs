@@ -87,6 +87,7 @@ mod tensor;
 #[doc(hidden)]
 pub mod upsampling;
 mod usable;
+mod views;
 #[doc(hidden)]
 pub mod weights;
 
@@ -109,6 +110,9 @@ pub use map::{DepthMap, Point};
 pub use noise_model::DepthNoise;
 pub use observations::{Observation, Observations};
 pub use scene::Scene;
+pub use views::{
+    PosedView, Projection, ViewOutcome, ViewReport, ViewSettings, ViewsOutcome, ViewsReport, neighbours,
+};
 #[doc(inline)]
 pub use weights::Weights;
 
