@@ -6,13 +6,14 @@
 //!
 //! Options: `--rooms N` procedural rooms [4], or `--seven-scenes DIR` with `--step N` [1]; `--frames N` [24]; `--size WxH` of
 //! rooms [320x240]; `--motion path,object,still` of rooms [path]: a moving camera, the same with a moving object, a camera that
-//! stands still; `--points N,...` [200]; `--poses exact,off:METRES:DEGREES,shuffled` [exact]; `--methods single,linear,...`
-//! [single]; `--weights NAME` [default]; `--seed N` [0]; `--csv FILE`; `--write DIR` writes the sequences instead.
+//! stands still; `--points N,...` [200]; `--poses exact,off:METRES:DEGREES,shuffled` [exact]; `--methods single,views,past,...`
+//! [single]: each frame by its own points, with those of its neighbours, with those of earlier ones, or a method without
+//! training; `--weights NAME` [default]; `--seed N` [0]; `--csv FILE`; `--write DIR` writes the sequences instead.
 
 #![allow(clippy::print_stdout)]
 
-use lsdc_core::{Completer, Observations, Scene};
-use lsdc_eval::data::{RoomPath, Sequence, seven_scenes, write_atomically};
+use lsdc_core::{Completer, Observations, PosedView, Scene, ViewSettings, neighbours};
+use lsdc_eval::data::{DepthMap, RoomPath, Sequence, seven_scenes, write_atomically};
 use lsdc_eval::evaluation::{PredictedFrame, SequenceScores, SequenceTask};
 use lsdc_eval::metrics::{PredictedErrors, Rules};
 use lsdc_eval::predict::{Method, complete_classic, scene};
@@ -64,13 +65,13 @@ fn run(arguments: &Arguments) -> Result<()> {
             for (n, points) in points.iter().enumerate() {
                 for (p, poses) in poses.iter().enumerate() {
                     let task = SequenceTask::draw(&sequence, points, *poses, seed)?;
+                    let views = scenes.views(&task)?;
                     for (k, method) in methods.iter().enumerate() {
-                        // The others do not see the poses.
-                        if p > 0 && method != "views" {
+                        if p > 0 && !sees_poses(method) {
                             continue;
                         }
                         let scores = task.measure(&Rules::default(), |index| {
-                            scenes.complete(method, &task, index)
+                            scenes.complete(method, &views, &task.sparse[index], index)
                         })?;
                         rows.entry([m, n, p, k]).or_default().add(&scores);
                     }
@@ -83,7 +84,7 @@ fn run(arguments: &Arguments) -> Result<()> {
     }
     let label = |[m, n, p, k]: [usize; 4]| {
         let points = String::from(points[n].clone());
-        let poses = if methods[k] == "views" {
+        let poses = if sees_poses(&methods[k]) {
             poses[p].to_string()
         } else {
             "-".to_owned()
@@ -115,6 +116,11 @@ fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Whether a method depends on the poses.
+fn sees_poses(method: &str) -> bool {
+    ["views", "past"].contains(&method)
+}
+
 /// The images of a sequence, read by the network once.
 struct Scenes<'a> {
     sequence: &'a Sequence,
@@ -133,20 +139,44 @@ impl<'a> Scenes<'a> {
         })
     }
 
+    /// The points of all frames with the poses that methods are given.
+    fn views(&self, task: &SequenceTask<'_>) -> Result<Vec<PosedView>> {
+        let pairs = task.cameras.iter().zip(&task.sparse);
+        pairs
+            .map(|(camera, sparse)| {
+                let points = Observations::from_map(sparse);
+                let (width, height) = (sparse.width(), sparse.height());
+                Ok(PosedView::new(camera.clone(), width, height, points)?)
+            })
+            .collect()
+    }
+
     fn complete(
         &self,
         method: &str,
-        task: &SequenceTask<'_>,
+        views: &[PosedView],
+        sparse: &DepthMap,
         index: usize,
     ) -> Result<PredictedFrame> {
-        let sparse = &task.sparse[index];
         let completion = match method {
-            "single" => self.scenes[index].complete(&Observations::from_map(sparse))?,
+            "single" => self.scenes[index].complete(views[index].observations())?,
+            "views" | "past" => {
+                let settings = ViewSettings {
+                    only_past: method == "past",
+                    ..ViewSettings::default()
+                };
+                let others = neighbours(views, index, &settings);
+                let others: Vec<&PosedView> = others.into_iter().map(|i| &views[i]).collect();
+                let own = &views[index];
+                self.scenes[index]
+                    .complete_with_views(own, &others, &settings)?
+                    .0
+            }
             name => {
                 let rgb = &self.sequence.frames()[index].frame.rgb;
                 let Method::Classic(classic) = name.parse()? else {
                     return Err(Error::config(format!("`{name}` needs weights of its own"))
-                        .hint("methods: single, or one without training, such as linear"));
+                        .hint("methods: single, views, past, linear and others without training"));
                 };
                 return Ok(PredictedFrame {
                     depth: complete_classic(classic, rgb, sparse)?,
