@@ -186,18 +186,22 @@ impl Scene {
             all.map(|i| errors(&moved(i))).collect::<Result<Vec<_>>>()
         };
         let moved = self.completer().run(fits)?;
-        let size = [self.width() as f64, self.height() as f64];
-        let tile = |point: &Observation| {
-            let place = [point.u / size[0], point.v / size[1]];
-            let [x, y] = [0, 1].map(|axis| {
-                // Places of pixels begin half a pixel before the image.
-                (place[axis].max(0.0) * TILES[axis] as f64) as usize
-            });
-            y.min(TILES[1] - 1) * TILES[0] + x.min(TILES[0] - 1)
-        };
-        let tiles: Vec<usize> = points.iter().map(tile).collect();
-        Ok(Comparison::new(&tiles, &still, &moved))
+        Ok(Comparison::new(&tiles(points, self.size()), &still, &moved))
     }
+}
+
+/// The tile of every point of an image of `size` (height, width).
+pub(crate) fn tiles(points: &[Observation], (height, width): (usize, usize)) -> Vec<usize> {
+    let size = [width as f64, height as f64];
+    let tile = |point: &Observation| {
+        let place = [point.u / size[0], point.v / size[1]];
+        let [x, y] = [0, 1].map(|axis| {
+            // Places of pixels begin half a pixel before the image.
+            (place[axis].max(0.0) * TILES[axis] as f64) as usize
+        });
+        y.min(TILES[1] - 1) * TILES[0] + x.min(TILES[0] - 1)
+    };
+    points.iter().map(tile).collect()
 }
 
 /// A random choice of as many as are needed.

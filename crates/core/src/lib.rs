@@ -88,6 +88,7 @@ mod tensor;
 #[doc(hidden)]
 pub mod upsampling;
 mod usable;
+mod views;
 #[doc(hidden)]
 pub mod weights;
 
@@ -111,6 +112,9 @@ pub use network_output::{NetworkInput, NetworkOutput};
 pub use noise_model::DepthNoise;
 pub use observations::{Observation, Observations};
 pub use scene::Scene;
+pub use views::{
+    PosedView, Projection, ViewOutcome, ViewReport, ViewSettings, ViewsOutcome, ViewsReport, neighbours,
+};
 #[doc(inline)]
 pub use weights::Weights;
 

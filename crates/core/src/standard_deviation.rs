@@ -13,7 +13,7 @@ use crate::nearest::NeighbourGrid;
 use rayon::prelude::*;
 
 /// Degrees of freedom with which Student's t is normal.
-const NORMAL: f64 = 1e6;
+pub(crate) const NORMAL: f64 = 1e6;
 
 /// Number of pixels whose basis functions are in memory at once.
 const STRIP: usize = 1 << 13;

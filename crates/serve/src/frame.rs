@@ -135,6 +135,7 @@ impl InputFrame {
         let implausible = implausible_unit(Unit::METRE, depths.collect());
         Ok(Sparse {
             points: with_sigma(points, options)?,
+            ids: None,
             size: self.size(),
             unit: Unit::METRE,
             guessed: false,

@@ -66,9 +66,12 @@ impl Cloud {
                 _ => outside += 1,
             }
         }
-        let hidden = retain_visible(&mut found, (width, height), true);
+        let visible = visible(&found, (width, height), true);
+        let hidden = visible.iter().filter(|visible| !**visible).count();
+        let seen = found.into_iter().zip(visible);
+        let seen = seen.filter(|(_, visible)| *visible);
         Ok(Self {
-            observations: found.into_iter().collect(),
+            observations: seen.map(|(point, _)| point).collect(),
             invalid,
             outside,
             hidden,
@@ -85,29 +88,23 @@ pub fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize>
     Some(within(v, height)? * width + within(u, width)?)
 }
 
-/// Removes the points that are occluded by nearer surfaces in the same pixel of an image of `size` (width,
-/// height) and, with `between`, by the points of a cloud around them; returns the number of removed points.
-/// The result does not depend on the order of the points.
-pub fn retain_visible(
-    points: &mut Vec<Observation>,
-    (width, height): (usize, usize),
-    between: bool,
-) -> usize {
+/// Whether each point is not occluded by nearer surfaces in the same pixel of an image of `size` (width, height) and, with
+/// `between`, by the points of a cloud around it. It does not depend on the order of the points.
+pub fn visible(points: &[Observation], (width, height): (usize, usize), between: bool) -> Vec<bool> {
     let at = |point: &Observation| pixel([point.u, point.v], (width, height)).unwrap_or(0);
     let fronts = fronts(
         points.iter().map(|point| (at(point), point)),
         width * height,
     );
-    let mut visible: Vec<f32> = Vec::new();
+    let mut open: Vec<f32> = Vec::new();
     if between {
         let nearest = |front: &f32| if front.is_finite() { *front } else { 0.0 };
-        visible = fronts.iter().map(nearest).collect();
-        remove_hidden(width, &mut visible);
+        open = fronts.iter().map(nearest).collect();
+        remove_hidden(width, &mut open);
     }
-    let before = points.len();
-    points.retain(|point| {
+    let is_visible = |point: &Observation| {
         let pixel = at(point);
-        !is_behind(point, fronts[pixel]) && visible.get(pixel).is_none_or(|&depth| depth > 0.0)
-    });
-    before - points.len()
+        !is_behind(point, fronts[pixel]) && open.get(pixel).is_none_or(|&depth| depth > 0.0)
+    };
+    points.iter().map(is_visible).collect()
 }

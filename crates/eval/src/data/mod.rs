@@ -2,6 +2,7 @@
 
 mod frame;
 mod mixture;
+mod sequence;
 mod sets;
 mod shard;
 mod source;
@@ -17,7 +18,11 @@ pub use lsdc_files::{
     write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use mixture::Mixture;
-pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
+pub use sequence::{PosedFrame, Sequence};
+pub use sets::{
+    Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, RoomPath, Rooms, RoomsConfig,
+    seven_scenes,
+};
 pub use shard::Shard;
 pub use source::{DataConfig, DatasetKind};
 

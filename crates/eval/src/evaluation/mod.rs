@@ -3,11 +3,13 @@
 mod candidate;
 mod config;
 mod journal;
+mod sequence;
 mod timing;
 
 pub use candidate::{Candidate, Enlargement};
 pub use config::EvalConfig;
 pub use journal::Journal;
+pub use sequence::{PredictedFrame, SequenceScores, SequenceTask};
 pub use timing::{CompletionTimes, median_ms, time, time_deviations};
 
 use crate::data::{Dataset, Frame, GUIDE_ENDINGS, Shard};

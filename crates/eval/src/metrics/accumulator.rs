@@ -23,6 +23,15 @@ impl ScoreAccumulator {
         }
     }
 
+    /// Adds the frames of another accumulator.
+    pub fn merge(&mut self, other: &Self) {
+        self.frames += other.frames;
+        for metric in Metric::ALL {
+            self.sum[metric] += other.sum[metric];
+            self.count[metric] += other.count[metric];
+        }
+    }
+
     /// The mean over frames, or `None` without any.
     pub fn mean(&self) -> Option<Scores> {
         (self.frames > 0).then(|| self.sum.map(|metric, sum| sum / self.count[metric]))

@@ -1,6 +1,7 @@
 //! Errors of a dense depth map against the truth, and their averages. No tensors.
 
 mod accumulator;
+mod disagreement;
 mod edge;
 mod paired;
 mod profile;
@@ -10,6 +11,7 @@ mod scores;
 mod uncertainty;
 
 pub use accumulator::{ScoreAccumulator, mean_and_deviation};
+pub use disagreement::{Disagreement, ViewDepths};
 pub use paired::PairedDifference;
 pub use profile::{Axis, Bin, ErrorProfile};
 pub use ranges::{DepthRangeErrors, ErrorCount, RANGE_STARTS, total};

@@ -10,7 +10,7 @@ use super::Orientation;
 use super::grid::{pixel, same_shape};
 use crate::error::{Error, Result};
 use crate::pose::Pose;
-use lsdc_core::{DepthMap, Lens};
+use lsdc_core::{DepthMap, Lens, Projection, SettingsError};
 use std::fmt::{Display, Formatter};
 
 /// The camera of an image that is shown upright, whatever way its file stores it.
@@ -260,6 +260,20 @@ impl Camera {
     pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
         let stored = self.turned.map(|turned| turned.turned_back(pixel));
         self.optics.unproject(stored.unwrap_or(pixel), depth)
+    }
+}
+
+impl Projection for Camera {
+    fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {
+        Self::project(self, point)
+    }
+
+    fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
+        Self::unproject(self, pixel, depth)
+    }
+
+    fn check(&self) -> std::result::Result<(), SettingsError> {
+        self.optics.check()
     }
 }
 

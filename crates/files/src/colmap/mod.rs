@@ -48,6 +48,8 @@ pub(super) struct Keypoint {
     /// In the unit of the model, as its standard deviation.
     pub(super) depth: f64,
     pub(super) sigma: f64,
+    /// The point of the model.
+    pub(super) id: u64,
 }
 
 /// The files of a model except `images`.
@@ -233,6 +235,7 @@ impl ModelFiles {
                     v: v - 0.5,
                     depth,
                     sigma: standard_deviation(depth, landmark, camera.focal),
+                    id: *point,
                 });
             }
         }

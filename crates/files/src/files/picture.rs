@@ -72,6 +72,22 @@ pub fn image_size(path: &Path) -> Result<(usize, usize)> {
     image_kind(path).map(|(size, _)| size)
 }
 
+/// How an image is stored and turned upright, from its head alone.
+///
+/// # Errors
+/// As for [`image_size`].
+pub fn image_orientation(path: &Path) -> Result<Orientation> {
+    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+    let mut decoder = decoder(path, BufReader::new(file), size)?;
+    let exif = decoder.orientation().map_err(|e| damaged(path, e))?;
+    let (width, height) = decoder.dimensions();
+    Ok(Orientation::new(
+        (width as usize, height as usize),
+        exif.to_exif(),
+    ))
+}
+
 /// Width, height and what a pixel is made of, as stored.
 pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
     let file = File::open(path).map_err(|e| Error::read(path, e))?;

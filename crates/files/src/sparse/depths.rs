@@ -11,6 +11,8 @@ use lsdc_core::{Observation, Observations};
 pub struct Sparse {
     /// Depths in metres (or in the unit of a model) at their places in the upright image.
     pub points: Observations,
+    /// The identities of the points, if they are of a model, in which other images see them too.
+    pub ids: Option<Vec<u64>>,
     /// Width and height of the upright image.
     pub size: (usize, usize),
     /// The unit of the file.

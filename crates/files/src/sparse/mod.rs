@@ -111,7 +111,7 @@ impl Sparse {
         for (number, point) in view.keypoints().iter().enumerate() {
             let position = in_image([point.u, point.v], view.size, &image, !as_stored);
             let [depth, sigma] = [point.depth, point.sigma].map(|v| v * unit.metres());
-            points.add(position, depth, Some(sigma), number);
+            points.add_identified(position, depth, Some(sigma), (number, point.id));
         }
         points.ignored += view.ignored;
         if points.found.is_empty() {

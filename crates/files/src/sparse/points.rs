@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::grid::pixel;
 use crate::{Camera, Unit};
 use lsdc_core::Observation;
-use lsdc_core::cloud::retain_visible;
+use lsdc_core::cloud::visible;
 use std::path::Path;
 
 /// Collects the points of an image, and counts those that are left out.
@@ -13,6 +13,8 @@ use std::path::Path;
 pub(super) struct SparseBuilder {
     size: (usize, usize),
     pub(super) found: Vec<Observation>,
+    /// Their identities, if all have one.
+    ids: Vec<u64>,
     all: usize,
     pub(super) ignored: usize,
     outside: usize,
@@ -61,6 +63,21 @@ impl SparseBuilder {
         }
     }
 
+    /// As [`Self::add`], with the identity of the point in its model.
+    pub(super) fn add_identified(
+        &mut self,
+        position: [f64; 2],
+        depth: f64,
+        sigma: Option<f64>,
+        (number, id): (usize, u64),
+    ) {
+        let before = self.found.len();
+        self.add(position, depth, sigma, number);
+        if self.found.len() > before {
+            self.ids.push(id);
+        }
+    }
+
     /// Projects a point of a cloud, in stored units, and adds it.
     pub(super) fn project(
         &mut self,
@@ -86,7 +103,14 @@ impl SparseBuilder {
 
     /// The points without hidden ones; `row` is what a point is called in the file.
     pub(super) fn build(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
-        let hidden = retain_visible(&mut self.found, self.size, self.is_cloud);
+        let visible = visible(&self.found, self.size, self.is_cloud);
+        let hidden = visible.iter().filter(|visible| !**visible).count();
+        let identified = !self.ids.is_empty() && self.ids.len() == self.found.len();
+        retain(&mut self.found, &visible);
+        let ids = identified.then(|| {
+            retain(&mut self.ids, &visible);
+            self.ids
+        });
         let remark = (self.unknown_sigmas > 0).then(|| {
             format!(
                 "{} points have no usable standard deviation; the fit's own noise is assumed for them; the first is \
@@ -96,6 +120,7 @@ impl SparseBuilder {
         });
         Sparse {
             points: self.found.into_iter().collect(),
+            ids,
             size: self.size,
             unit,
             guessed,
@@ -117,4 +142,10 @@ impl SparseBuilder {
             ),
         )
     }
+}
+
+/// Keeps the items that are to be kept, in their order.
+fn retain<T>(items: &mut Vec<T>, kept: &[bool]) {
+    let mut kept = kept.iter();
+    items.retain(|_| kept.next().copied().unwrap_or(true));
 }

@@ -8,6 +8,7 @@ mod marigold;
 mod nyu;
 mod rooms;
 mod scans;
+mod seven_scenes;
 mod template;
 mod tum;
 mod void;
@@ -19,8 +20,9 @@ pub(super) use kitti::kitti;
 pub(super) use marigold::marigold;
 pub(super) use nyu::nyu;
 pub use nyu::{Depths, NyuConfig};
-pub use rooms::{Rooms, RoomsConfig};
+pub use rooms::{RoomPath, Rooms, RoomsConfig};
 pub(super) use scans::scans;
+pub use seven_scenes::seven_scenes;
 pub(super) use tum::tum;
 pub(super) use void::void;
 

@@ -3,7 +3,10 @@
 mod furnish;
 mod geometry;
 mod paint;
+mod path;
 mod render;
+
+pub use path::RoomPath;
 
 use crate::data::{Dataset, Frame, FrameId, Split};
 use lsdc_files::error::{Error, Result};
@@ -51,12 +54,7 @@ impl Rooms {
     /// # Errors
     /// No rooms, or images outside 16 to 8192 pixels.
     pub fn new(split: Split, config: &RoomsConfig) -> Result<Self> {
-        let sizes = 16..=8192;
-        if !sizes.contains(&config.width) || !sizes.contains(&config.height) {
-            return Err(Error::config(
-                "`rooms.width` and `height` must be 16 to 8192",
-            ));
-        }
+        check_size(config.width, config.height)?;
         let rooms = Self {
             split,
             config: *config,
@@ -66,6 +64,25 @@ impl Rooms {
         }
         Ok(rooms)
     }
+}
+
+fn check_size(width: usize, height: usize) -> Result<()> {
+    let sizes = 16..=8192;
+    if sizes.contains(&width) && sizes.contains(&height) {
+        return Ok(());
+    }
+    Err(Error::config(
+        "`rooms.width` and `height` must be 16 to 8192",
+    ))
+}
+
+/// The random stream of a room, from which it is furnished.
+fn stream(seed: u64, id: &str) -> Rng {
+    Rng::stream(seed, &["room", id])
+}
+
+fn id(split: Split, index: usize) -> FrameId {
+    format!("{}/{index:05}", split.name())
 }
 
 impl Dataset for Rooms {
@@ -85,14 +102,17 @@ impl Dataset for Rooms {
     }
 
     fn id(&self, index: usize) -> FrameId {
-        format!("{}/{index:05}", self.split.name())
+        id(self.split, index)
     }
 
     fn load(&self, index: usize) -> Result<Frame> {
         let id = self.id(index);
-        let mut rng = Rng::stream(self.config.seed, &["room", &id]);
+        let mut rng = stream(self.config.seed, &id);
         let room = furnish::furnish(&mut rng);
-        let (rgb, depth) = render::render(&room, self.config.width, self.config.height, &mut rng)?;
+        let view = render::View::random(&room, &mut rng);
+        let exposure = render::exposure(&mut rng);
+        let size = (self.config.width, self.config.height);
+        let (rgb, depth) = render::render(&room, &view, size, exposure, &mut rng)?;
         Frame::new(id, rgb, depth)
     }
 }

@@ -4,6 +4,7 @@ use super::furnish::{Body, Lamp, Room};
 use super::geometry::{Hit, Shape, Vec3, vec3};
 use crate::data::DepthMap;
 use image::{Rgb, RgbImage};
+use lsdc_core::Camera;
 use lsdc_files::error::Result;
 use lsdc_rng::Rng;
 
@@ -11,23 +12,17 @@ use lsdc_rng::Rng;
 const FOCAL: f32 = 0.81;
 
 /// A pinhole camera inside the room.
-struct Camera {
+#[derive(Clone, Copy, Debug)]
+pub(super) struct View {
     position: Vec3,
     right: Vec3,
     down: Vec3,
     ahead: Vec3,
 }
 
-impl Camera {
-    /// Near one end of the room, at eye height, looking down its length.
-    fn random(room: &Room, rng: &mut Rng) -> Self {
-        let half = room.half;
-        let position = vec3(
-            rng.range(-0.6, 0.6) * half.x,
-            (rng.range(0.9, 1.7) - half.y).min(half.y - 0.3),
-            rng.range(-0.95, -0.5) * half.z,
-        );
-        let (yaw, pitch) = (rng.range(-0.5, 0.5), rng.range(-0.35, 0.1));
+impl View {
+    /// At a position, turned to the right by `yaw` and up by `pitch`, in radians.
+    pub(super) fn new(position: Vec3, yaw: f32, pitch: f32) -> Self {
         let ahead = vec3(
             yaw.sin() * pitch.cos(),
             pitch.sin(),
@@ -35,36 +30,70 @@ impl Camera {
         );
         let right = vec3(0.0, 1.0, 0.0).cross(ahead).unit();
         Self {
-            position: clear_of_bodies(room, position),
+            position,
             right,
             down: right.cross(ahead),
             ahead,
         }
     }
+
+    /// Near one end of the room, at eye height, looking down its length.
+    pub(super) fn random(room: &Room, rng: &mut Rng) -> Self {
+        let half = room.half;
+        let position = vec3(
+            rng.range(-0.6, 0.6) * half.x,
+            (rng.range(0.9, 1.7) - half.y).min(half.y - 0.3),
+            rng.range(-0.95, -0.5) * half.z,
+        );
+        let (yaw, pitch) = (rng.range(-0.5, 0.5), rng.range(-0.35, 0.1));
+        Self::new(clear_of_bodies(room, position), yaw, pitch)
+    }
+
+    /// The calibrated camera of an image of this size. Its world has the axes of cameras: y is down, not up as in the room.
+    pub(super) fn calibrated(&self, width: usize, height: usize) -> Camera {
+        let flipped = |v: Vec3| [v.x, -v.y, v.z].map(f64::from);
+        let rotation = [self.right, self.down, self.ahead].map(flipped);
+        let position = flipped(self.position);
+        let translation = rotation.map(|row| -(0..3).map(|i| row[i] * position[i]).sum::<f64>());
+        let focal = f64::from(focal(width));
+        let centre = [width, height].map(|length| length as f64 / 2.0 - 0.5);
+        Camera::pinhole([focal; 2], centre).with_pose(rotation, translation)
+    }
+}
+
+/// The focal length in pixels of an image of this width.
+fn focal(width: usize) -> f32 {
+    FOCAL * width as f32
+}
+
+/// How much light reaches the sensor.
+pub(super) fn exposure(rng: &mut Rng) -> f32 {
+    rng.range(0.8, 1.3)
+}
+
+/// Whether a place lies inside or close to a body.
+pub(super) fn is_blocked(room: &Room, place: Vec3) -> bool {
+    let near = |b: &Body| (b.centre - place).length() < b.shape.bounding_radius() + 0.15;
+    room.bodies.iter().any(near)
 }
 
 /// The place itself, or one higher up if it lies inside or close to a body.
 fn clear_of_bodies(room: &Room, mut position: Vec3) -> Vec3 {
-    let blocked = |p: Vec3| {
-        let near = |b: &Body| (b.centre - p).length() < b.shape.bounding_radius() + 0.15;
-        room.bodies.iter().any(near)
-    };
-    while blocked(position) && position.y < room.half.y - 0.2 {
+    while is_blocked(room, position) && position.y < room.half.y - 0.2 {
         position.y += 0.1;
     }
     position
 }
 
-/// Colours and depths (metres along the optical axis) of a view of the room.
+/// Colours, with sensor noise, and depths (metres along the optical axis) of a view of the room.
 pub(super) fn render(
     room: &Room,
-    width: usize,
-    height: usize,
+    view: &View,
+    (width, height): (usize, usize),
+    exposure: f32,
     rng: &mut Rng,
 ) -> Result<(RgbImage, DepthMap)> {
-    let camera = Camera::random(room, rng);
-    let focal = FOCAL * width as f32;
-    let exposure = rng.range(0.8, 1.3);
+    let focal = focal(width);
     let mut rgb = RgbImage::new(width as u32, height as u32);
     let mut depths = Vec::with_capacity(width * height);
     for y in 0..height {
@@ -72,12 +101,12 @@ pub(super) fn render(
         for x in 0..width {
             let u = (x as f32 + 0.5 - width as f32 / 2.0) / focal;
             // One unit along the optical axis, so that the ray parameter is the depth.
-            let ray = camera.ahead + camera.right * u + camera.down * v;
-            let surface_point = nearest(room, camera.position, ray);
+            let ray = view.ahead + view.right * u + view.down * v;
+            let surface_point = nearest(room, view.position, ray);
             depths.push(surface_point.hit.t);
             let light = shade(
                 room,
-                camera.position + ray * surface_point.hit.t,
+                view.position + ray * surface_point.hit.t,
                 &surface_point,
             );
             let noise = rng.normal() * 0.008;

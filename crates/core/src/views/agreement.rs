@@ -1,0 +1,193 @@
+//! Whether the points of other views agree with the completion by an image's own points.
+
+use super::carry::Carried;
+use super::report::{ViewOutcome, ViewReport};
+use crate::completion::Completion;
+use crate::error::Result;
+use crate::fit::student_t::{ONE_DEVIATION, bound, neg_log_likelihood};
+use crate::map::DepthMap;
+use crate::standard_deviation::NORMAL;
+
+/// Points beyond so many standard deviations lie on another surface.
+const APART: f64 = 2.5;
+/// The share of points that lie on other surfaces, and the density of their depths relative to that of this surface: uniform
+/// from 0 to twice its depth.
+const ELSEWHERE: f64 = 0.1;
+const DENSITY: f64 = 0.5;
+/// Relative standard deviations that are tried: the least, the ratio of one to the next, and their number.
+const LEAST: f64 = 0.002;
+const RATIO: f64 = 1.25;
+const STEPS: i32 = 28;
+/// A deviation is taken to be 0 unless its log-likelihood is larger by this.
+const EVIDENCE: f64 = 2.0;
+/// A view is left out if its deviation is larger, or if this share of its points contradicts the image.
+const LARGEST: f64 = 0.1;
+const CONTRADICTING: f64 = 0.3;
+
+/// The depth of a carried point and its standard deviation, without that of the pose, relative to the depth that the image's
+/// own points predict there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Agreement {
+    /// Positive if the point is farther away.
+    pub(super) difference: f64,
+    pub(super) deviation: f64,
+    pub(super) predicted: f64,
+}
+
+/// Where a carried point lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Agrees,
+    Occluded,
+    Contradicts,
+}
+
+impl Agreement {
+    pub(super) fn verdict(&self, pose_deviation: f64) -> Verdict {
+        let most = APART * self.deviation.hypot(pose_deviation);
+        if self.difference > most {
+            Verdict::Occluded
+        } else if self.difference < -most {
+            Verdict::Contradicts
+        } else {
+            Verdict::Agrees
+        }
+    }
+}
+
+/// Estimates the deviation of each view and removes the points that lie on other surfaces, and all of views that contradict
+/// the image.
+pub(super) fn check(
+    alone: &Completion,
+    deviations: &DepthMap,
+    carried: &mut Vec<Carried>,
+    views: &mut [ViewReport],
+) -> Result<()> {
+    let agreements = agreements(alone, deviations, carried)?;
+    let freedom = alone.freedom().unwrap_or(NORMAL);
+    let mut kept = Vec::with_capacity(carried.len());
+    for (view, report) in views.iter_mut().enumerate() {
+        let of_view = carried.iter().zip(&agreements);
+        let of_view: Vec<(&Carried, &Agreement)> =
+            of_view.filter(|(point, _)| point.view == view).collect();
+        if of_view.is_empty() {
+            continue;
+        }
+        let all: Vec<Agreement> = of_view.iter().map(|(_, agreement)| **agreement).collect();
+        let deviation = pose_deviation(&all, freedom);
+        report.pose_deviation = deviation;
+        let verdicts: Vec<Verdict> = all.iter().map(|one| one.verdict(deviation)).collect();
+        let count = |verdict| verdicts.iter().filter(|found| **found == verdict).count();
+        report.occluded += count(Verdict::Occluded);
+        report.contradicting += count(Verdict::Contradicts);
+        let share = report.contradicting as f64 / all.len() as f64;
+        if deviation > LARGEST || share > CONTRADICTING {
+            report.outcome = ViewOutcome::Inconsistent;
+            continue;
+        }
+        let agreeing = of_view.iter().zip(verdicts);
+        let agreeing = agreeing.filter(|(_, verdict)| *verdict == Verdict::Agrees);
+        kept.extend(agreeing.map(|((point, agreement), _)| Carried {
+            pose_deviation: deviation * agreement.predicted,
+            ..**point
+        }));
+    }
+    *carried = kept;
+    Ok(())
+}
+
+/// All carried points beside the completion, in their order.
+fn agreements(
+    alone: &Completion,
+    deviations: &DepthMap,
+    carried: &[Carried],
+) -> Result<Vec<Agreement>> {
+    let places: Vec<[f64; 2]> = carried
+        .iter()
+        .map(|point| [point.observation.u, point.observation.v])
+        .collect();
+    let agreement = |(point, predicted): (&Carried, f32)| {
+        let observation = &point.observation;
+        let [x, y] = [observation.u, observation.v].map(|v| v.round().max(0.0) as usize);
+        let of_fit = deviations.at(
+            x.min(deviations.width() - 1),
+            y.min(deviations.height() - 1),
+        );
+        let measured = observation.sigma.filter(|sigma| *sigma > 0.0).unwrap_or(0.0);
+        let predicted = f64::from(predicted);
+        Agreement {
+            difference: f64::from(observation.depth) / predicted - 1.0,
+            deviation: f64::from(of_fit).hypot(f64::from(measured)) / predicted,
+            predicted,
+        }
+    };
+    Ok(carried.iter().zip(alone.at(&places)?).map(agreement).collect())
+}
+
+/// The standard deviation, relative to the depth, that points of a view have beside the known ones: the most likely one.
+/// Standardised differences follow Student's t distribution with `freedom` degrees of freedom, or lie on other surfaces.
+fn pose_deviation(all: &[Agreement], freedom: f64) -> f64 {
+    let unit = bound(ONE_DEVIATION, freedom);
+    let log_likelihood = |pose: f64| {
+        let points = all.iter().map(|one| {
+            let scale = one.deviation.hypot(pose) / unit;
+            let square = (one.difference / scale).powi(2);
+            let density = (-neg_log_likelihood(square, freedom)).exp() / scale;
+            ((1.0 - ELSEWHERE) * density + ELSEWHERE * DENSITY).ln()
+        });
+        points.sum::<f64>()
+    };
+    let tried = (0..STEPS).map(|step| LEAST * RATIO.powi(step));
+    let scored = tried.map(|pose| (log_likelihood(pose) - EVIDENCE, pose));
+    let none = (log_likelihood(0.0), 0.0);
+    let best = scored.fold(none, |best, tried| if tried.0 > best.0 { tried } else { best });
+    best.1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lsdc_rng::Rng;
+
+    /// Points whose differences are normal with a known deviation and one of the pose, and a share on another surface.
+    fn points(pose: f64, elsewhere: f32) -> Vec<Agreement> {
+        let mut rng = Rng::stream(3, &["agreement"]);
+        let point = |_| {
+            let deviation = f64::from(rng.range(0.01, 0.05));
+            let difference = f64::from(rng.normal()) * deviation.hypot(pose);
+            let other = f64::from(rng.range(0.3, 0.9));
+            Agreement {
+                difference: if rng.chance(elsewhere) { other } else { difference },
+                deviation,
+                predicted: 2.0,
+            }
+        };
+        (0..600).map(point).collect()
+    }
+
+    #[test]
+    fn the_deviation_of_a_pose_is_found_whatever_is_occluded() {
+        assert_eq!(pose_deviation(&points(0.0, 0.0), NORMAL), 0.0);
+        assert_eq!(pose_deviation(&points(0.0, 0.15), NORMAL), 0.0);
+        for pose in [0.03, 0.1] {
+            for elsewhere in [0.0, 0.15] {
+                let found = pose_deviation(&points(pose, elsewhere), NORMAL);
+                // One step of the grid, and the sampling error of 600 points.
+                assert!((found / pose).ln().abs() < 0.25, "{pose} {elsewhere}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn points_beyond_some_deviations_are_behind_or_in_front() {
+        let at = |difference| Agreement {
+            difference,
+            deviation: 0.03,
+            predicted: 2.0,
+        };
+        let all = [0.08, 0.0, -0.08].map(|difference| at(difference).verdict(0.0));
+        assert_eq!(all, [Verdict::Occluded, Verdict::Agrees, Verdict::Contradicts]);
+        // 0.05 with the deviation of the pose.
+        assert_eq!(at(0.08).verdict(0.04), Verdict::Agrees);
+    }
+}
