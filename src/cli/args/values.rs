@@ -11,6 +11,7 @@ use lsdc_eval::predict::Preserve;
 use lsdc_eval::sampling::{Interpolation, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::{Precision, ResizeLayer};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -100,6 +101,26 @@ pub(super) fn deviation(text: &str) -> std::result::Result<f32, String> {
         .ok()
         .filter(|v: &f32| *v > 0.0 && v.is_finite());
     found.ok_or_else(|| format!("`{text}` is no standard deviation; metres above 0, as in 0.2"))
+}
+
+/// Where the poses of images are from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::cli) enum PoseSource {
+    /// The model of COLMAP that the points are of.
+    Model,
+    /// A file or folder of poses.
+    File(PathBuf),
+}
+
+impl From<OsString> for PoseSource {
+    /// A path; nothing for the model.
+    fn from(path: OsString) -> Self {
+        if path.is_empty() {
+            Self::Model
+        } else {
+            Self::File(path.into())
+        }
+    }
 }
 
 /// `LOW,HIGH` in metres, neither below 0; the error includes the hint.

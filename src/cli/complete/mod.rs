@@ -17,6 +17,7 @@ mod settings;
 mod summary;
 mod tally;
 mod video;
+mod views;
 
 use super::args::Complete;
 use super::{Exit, ui};

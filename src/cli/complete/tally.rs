@@ -20,6 +20,17 @@ pub(super) struct Tally<'a> {
     left_empty: usize,
     left_out_of_clouds: [usize; 3],
     skewed: usize,
+    views: ViewsTally,
+}
+
+/// Frames with points of other images, and counts of these images.
+#[derive(Default)]
+struct ViewsTally {
+    asked: usize,
+    frames: usize,
+    used: usize,
+    inconsistent: usize,
+    carried: usize,
 }
 
 /// A remark of one frame or more.
@@ -61,6 +72,7 @@ impl<'a> Tally<'a> {
             left_empty: 0,
             left_out_of_clouds: [0; 3],
             skewed: 0,
+            views: ViewsTally::default(),
         }
     }
 
@@ -87,6 +99,13 @@ impl<'a> Tally<'a> {
         let pairs = pairs.zip(summary.left_out_of_cloud());
         pairs.for_each(|(sum, count)| *sum += count);
         self.skewed += usize::from(summary.is_skewed());
+        if let Some(views) = &summary.views {
+            self.views.asked += 1;
+            self.views.frames += usize::from(views.carried > 0);
+            self.views.used += if views.carried > 0 { views.used } else { 0 };
+            self.views.inconsistent += views.inconsistent;
+            self.views.carried += views.carried;
+        }
         self.bar.inc(1);
         if self.json {
             self.bar.suspend(|| ui::print(&summary.value().to_string()));
@@ -116,6 +135,16 @@ impl<'a> Tally<'a> {
         }
         if let Some(points) = left_out_of_points(self.left_out_of_points) {
             tell(&format!("points    {points}"));
+        }
+        let views = &self.views;
+        if views.asked > 0 {
+            tell(&format!(
+                "views     {} points of {} joined {} of {done} frames; {} left out as they contradict the image's points",
+                views.carried,
+                counted(views.used, "other image"),
+                views.frames,
+                views.inconsistent
+            ));
         }
         if self.skewed > 0 {
             let skewed = self.skewed;

@@ -21,6 +21,7 @@ use crate::scene::Scene;
 use carry::Carried;
 pub use neighbours::neighbours;
 pub use report::{ViewOutcome, ViewReport, ViewsOutcome, ViewsReport};
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// A camera at its place in the world, whatever its model.
@@ -234,10 +235,18 @@ impl Scene {
         if carried.is_empty() {
             return Ok((alone, report));
         }
+        let mut together = self.complete(&joined(own, &alone, &carried))?;
+        let before = carried.len();
+        remove_outliers(own, &together, &mut carried, &mut report.views)?;
+        if carried.is_empty() {
+            return Ok((alone, report));
+        }
+        if carried.len() < before {
+            together = self.complete(&joined(own, &alone, &carried))?;
+        }
         for point in &carried {
             report.views[point.view].carried += 1;
         }
-        let together = self.complete(&joined(own, &alone, &carried))?;
         if self.is_worse(own, &alone, &together, &mut report) {
             report.outcome = ViewsOutcome::Rejected;
             return Ok((alone, report));
@@ -271,6 +280,26 @@ impl Scene {
     }
 }
 
+/// Removes the carried points that disagree with the points around them, as those do that an error of the pose moves across
+/// a depth edge.
+fn remove_outliers(
+    own: &PosedView,
+    together: &Completion,
+    carried: &mut Vec<Carried>,
+    views: &mut [ViewReport],
+) -> Result<()> {
+    let first = own.observations().len();
+    let outliers = together.outliers()?.into_iter();
+    let outliers: HashSet<usize> = outliers.map(|outlier| outlier.index).collect();
+    let mut index = first..;
+    carried.retain(|point| {
+        let is_outlier = index.next().is_some_and(|index| outliers.contains(&index));
+        views[point.view].outliers += usize::from(is_outlier);
+        !is_outlier
+    });
+    Ok(())
+}
+
 /// What points say, unless there are too few of them.
 fn known<T>(found: Result<T>) -> Result<Option<T>> {
     match found {
@@ -285,7 +314,11 @@ fn joined(own: &PosedView, alone: &Completion, carried: &[Carried]) -> Observati
     let own = own.observations();
     let is_known = |sigma: Option<f32>| sigma.is_some_and(|sigma| sigma > 0.0);
     let own_known = own.iter().any(|point| is_known(point.sigma));
-    let noise = if own_known { alone.report().residual } else { 0.0 };
+    let noise = if own_known {
+        alone.report().residual
+    } else {
+        0.0
+    };
     let deviation = |point: &Carried| {
         let measured = point.observation.sigma.filter(|&sigma| sigma > 0.0);
         let measured = measured.map_or(noise, f64::from);
@@ -302,10 +335,13 @@ fn joined(own: &PosedView, alone: &Completion, carried: &[Carried]) -> Observati
         sigma: if own_known { point.sigma } else { exact(0.0) },
         ..*point
     });
-    let of_others = carried.iter().zip(&deviations).map(|(point, &sigma)| Observation {
-        sigma: exact(sigma),
-        ..point.observation
-    });
+    let of_others = carried
+        .iter()
+        .zip(&deviations)
+        .map(|(point, &sigma)| Observation {
+            sigma: exact(sigma),
+            ..point.observation
+        });
     of_own.chain(of_others).collect()
 }
 
