@@ -270,9 +270,10 @@ impl DescribedViews {
     /// What should be checked, if anything.
     pub(super) fn remark(&self) -> Option<String> {
         let check = "check poses and time stamps";
-        if self.outcome == "rejected" {
+        let is_worse = self.errors.is_some_and(|[before, after]| after > before);
+        if self.outcome == "rejected" && is_worse {
             return Some(format!(
-                "{} of other images are left out, as the image's own points fit worse with them: {check}",
+                "{} of other images are left out, as the image's own points are predicted worse with them: {check}",
                 counted(self.images.iter().map(|view| view.carried).sum(), "point")
             ));
         }

@@ -165,8 +165,9 @@ impl Default for ViewSettings {
 /// Points whose depths are exact have this share of the smallest standard deviation of the others: 0 means unknown.
 const EXACT: f64 = 1e-3;
 
-/// The carried points are left out if the image's own points fit them worse by so many standard errors.
-const WORSE: f64 = 0.0;
+/// The carried points join only if the image's own points are predicted better with them by so many standard errors. Chosen on
+/// procedural rooms: with 0, wrong poses and 50 points raised the RMSE by 3 %.
+const BETTER: f64 = 2.0;
 
 impl Scene {
     /// Fits the basis functions of the image to its own observations together with the points of other views, at most
@@ -247,7 +248,7 @@ impl Scene {
         for point in &carried {
             report.views[point.view].carried += 1;
         }
-        if self.is_worse(own, &alone, &together, &mut report) {
+        if !self.is_better(own, &alone, &together, &mut report) {
             report.outcome = ViewsOutcome::Rejected;
             return Ok((alone, report));
         }
@@ -255,8 +256,8 @@ impl Scene {
         Ok((together, report))
     }
 
-    /// Whether the other points predict the image's own points worse with the carried ones than without.
-    fn is_worse(
+    /// Whether the other points predict the image's own points clearly better with the carried ones than without.
+    fn is_better(
         &self,
         own: &PosedView,
         alone: &Completion,
@@ -276,7 +277,7 @@ impl Scene {
             return false;
         };
         report.errors = Some([found.error, found.error_there]);
-        found.standard_errors < -WORSE
+        found.standard_errors >= BETTER
     }
 }
 

@@ -24,7 +24,7 @@ pub enum ViewsOutcome {
     NoPoints,
     /// The image has too few points of its own to check others.
     TooFewPoints,
-    /// They did not, because the image's own points are predicted worse with them.
+    /// They did not, because the image's own points are not predicted clearly better with them.
     Rejected,
 }
 

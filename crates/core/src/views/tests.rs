@@ -13,12 +13,15 @@ fn camera([x, y, z]: [f64; 3], angle: f64) -> Camera {
     Camera::pinhole([80.0, 80.0], [47.5, 35.5]).with_pose(rotation, translation)
 }
 
-/// The depth at a pixel of what a camera sees of a wall at z = `distance` that is slanted by `slope` along x.
+/// The depth at a pixel of what a camera sees of the corner of a room, z = `distance` - `slope` |x|; a wall without slope.
 fn depth(camera: &Camera, pixel: [f64; 2], [distance, slope]: [f64; 2]) -> f64 {
     let [from, to] = [0.0, 1.0].map(|depth| camera.unproject(pixel, depth).unwrap());
-    // z = distance + slope x along the ray.
     let along = [0, 1, 2].map(|i| to[i] - from[i]);
-    (distance + slope * from[0] - from[2]) / (along[2] - slope * along[0])
+    let of_wall = |slope: f64| {
+        // z = distance + slope x along the ray.
+        (distance + slope * from[0] - from[2]) / (along[2] - slope * along[0])
+    };
+    of_wall(slope).min(of_wall(-slope))
 }
 
 /// Points of a wall, every `step`th pixel from the first.
@@ -60,7 +63,7 @@ fn scene() -> Scene {
     scene_of(1)
 }
 
-const SHAPE: [f64; 2] = [3.0, 0.2];
+const SHAPE: [f64; 2] = [3.0, 0.6];
 
 /// A camera, its few points, and others beside it.
 fn sequence(shape: [f64; 2]) -> (PosedView, Vec<PosedView>) {
