@@ -24,6 +24,7 @@ mod reuse;
 mod scans;
 mod serve;
 mod summary;
+mod views;
 mod weights;
 mod workspaces;
 

@@ -113,7 +113,8 @@ pub use noise_model::DepthNoise;
 pub use observations::{Observation, Observations};
 pub use scene::Scene;
 pub use views::{
-    PosedView, Projection, ViewOutcome, ViewReport, ViewSettings, ViewsOutcome, ViewsReport, neighbours,
+    PosedView, Projection, ViewOutcome, ViewReport, ViewSettings, ViewsOutcome, ViewsReport,
+    neighbours,
 };
 #[doc(inline)]
 pub use weights::Weights;

@@ -53,11 +53,11 @@ pub use described::{
 pub use files::{
     AtomicFile, ColoredPoint, Hdf5, NumberList, UprightImage, are_far, check_output,
     check_writable, encode_depth_png, encode_exr, encode_npy, encode_npz, encode_ply, from_planes,
-    has_ending, hide_caught_panics, image_orientation, image_size, images_below, is_depth_image, is_image, png_unit,
-    raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_npz_lists, read_pair,
-    read_rgb, read_upright, reading_at_most, remove_leftovers, stored_unit, would_replace,
-    write_atomically, write_colour_map, write_depth_png, write_exr, write_folder_atomically,
-    write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
+    has_ending, hide_caught_panics, image_orientation, image_size, images_below, is_depth_image,
+    is_image, png_unit, raised_in_png, read_depth, read_depth_png, read_mask, read_npy,
+    read_npz_lists, read_pair, read_rgb, read_upright, reading_at_most, remove_leftovers,
+    stored_unit, would_replace, write_atomically, write_colour_map, write_depth_png, write_exr,
+    write_folder_atomically, write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use foreign::check_foreign;
 pub use guide::{GUIDE_ENDINGS, GuideSource};

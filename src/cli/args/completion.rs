@@ -1,6 +1,8 @@
 //! Arguments of `complete` and `bench`.
 
-use super::values::{Format, deviation, edge, head, noise, preserve, range, share, size, typed};
+use super::values::{
+    Format, PoseSource, deviation, edge, head, noise, preserve, range, share, size, typed,
+};
 use super::{FitFlags, Model, Recorded, Settings};
 use clap::Args as ClapArgs;
 use lsdc_core::DepthNoise;
@@ -211,6 +213,20 @@ pub(in crate::cli) struct Complete {
     /// the results, for a run that resumes.
     #[arg(long, help_heading = "Several frames", hide_short_help = true)]
     pub(in crate::cli) temporal: bool,
+    /// Join the measured points of neighbouring images, carried over by their poses.
+    ///
+    /// Poses are those of the COLMAP model, or of POSES: a TUM trajectory, KITTI rows, a folder of 4x4 matrices, or a
+    /// transforms.json, which needs no --camera if it has intrinsics. Carried points are checked against the points of
+    /// the image: occluded ones are left out, and so are images whose poses contradict them; the summary counts both.
+    #[arg(
+        long,
+        value_name = "POSES",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "",
+        help_heading = "Several frames"
+    )]
+    pub(in crate::cli) views: Option<PoseSource>,
     /// Complete only part I of N of the images (I starts at 0).
     #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N", help_heading = "Several frames", hide_short_help = true)]
     pub(in crate::cli) shard: Shard,

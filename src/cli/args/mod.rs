@@ -27,7 +27,7 @@ pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 pub(super) use serve::{Serve, View};
 #[cfg(feature = "train")]
 pub(super) use training::{Calibrate, Train};
-pub(super) use values::Format;
+pub(super) use values::{Format, PoseSource};
 use values::{dataset, split};
 #[cfg(feature = "download")]
 pub(super) use weights::Get;

@@ -11,6 +11,7 @@ use lsdc_eval::predict::{GuideSpec, Preserve};
 use lsdc_eval::sampling::{Interpolation, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::{Precision, ResizeLayer};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -105,6 +106,26 @@ pub(super) fn deviation(text: &str) -> std::result::Result<f32, String> {
 /// A standard deviation as a share of the depth, above 0.
 pub(super) fn share(text: &str) -> std::result::Result<f32, String> {
     deviation(text).map_err(|_| format!("`{text}` is no share of the depth; above 0, as in 0.05"))
+}
+
+/// Where the poses of images are from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::cli) enum PoseSource {
+    /// The model of COLMAP that the points are of.
+    Model,
+    /// A file or folder of poses.
+    File(PathBuf),
+}
+
+impl From<OsString> for PoseSource {
+    /// A path; nothing for the model.
+    fn from(path: OsString) -> Self {
+        if path.is_empty() {
+            Self::Model
+        } else {
+            Self::File(path.into())
+        }
+    }
 }
 
 /// `LOW,HIGH` in metres, neither below 0; the error includes the hint.

@@ -80,7 +80,7 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
                 let (header, loaded) = recorded.load(frame)?;
                 Ok((header, loaded.with_options(settings)?))
             },
-            |_, loaded, prepared| prepared.fit(&loaded.points, None),
+            |_, loaded, prepared| prepared.fit(&loaded.points, None, None),
             |(name, frame), header, loaded, completed| {
                 let (format_data, messages, beyond) =
                     messages(settings, &header, loaded, completed)?;
@@ -143,6 +143,7 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
         ("`--range`", args.range.is_some()),
         ("`--outliers`", args.outliers),
         ("`--temporal`", args.temporal),
+        ("`--views`", args.views.is_some()),
         ("`--sigma`", args.sigma.is_some()),
         (
             "`--guide FILE`",

@@ -2,13 +2,14 @@
 
 use super::loaded::Loaded as Frame;
 use super::settings::Settings;
+use super::views::FrameViews;
 use crate::cli::args::{Format, Model};
 use crate::cli::network::{
     at_quality, name_of_own_guide, open_guide, open_guided_completer, open_system, own_guide,
 };
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
-use lsdc_core::{Completer, Completion, Outlier, Quality, Scene};
+use lsdc_core::{Completer, Completion, Outlier, Quality, Scene, ViewsReport};
 use lsdc_eval::data::{self, DepthMap, Sparse, Unit};
 use lsdc_eval::predict::{
     Classic, DepthCompleter, GuideSpec, Method, MonocularGuide, complete_classic, guided_scene,
@@ -65,8 +66,8 @@ pub(super) enum Prepared {
 
 /// A frame that is fitted to its points.
 pub(super) enum Fitted {
-    /// With the same time.
-    Trained(Completion, Option<Duration>),
+    /// With the same time, and what became of the points of other images.
+    Trained(Completion, Option<Duration>, Option<ViewsReport>),
     Whole(Whole),
 }
 
@@ -84,6 +85,8 @@ pub(super) struct Completed {
     pub(super) guide: Option<String>,
     /// The time that it took.
     pub(super) guide_time: Option<Duration>,
+    /// With `--views`, what became of the points of other images.
+    pub(super) views: Option<ViewsReport>,
     pub(super) diagnostics: Option<Diagnostics>,
 }
 
@@ -178,7 +181,7 @@ impl<'a> Engine<'a> {
         if let Some(monocular) = &self.monocular {
             monocular.release();
         }
-        let fitted = prepared.fit(&frame.points, None)?;
+        let fitted = prepared.fit(&frame.points, None, None)?;
         self.finish(&frame.rgb, &frame.points, fitted)
     }
 
@@ -211,12 +214,16 @@ impl<'a> Engine<'a> {
         points: &Sparse,
         fitted: Fitted,
     ) -> Result<Completed> {
-        let (guide_time, is_guided) = match &fitted {
-            Fitted::Trained(completion, time) => (*time, completion.scene().is_guided()),
-            Fitted::Whole(_) => (None, false),
+        let is_guided = match &fitted {
+            Fitted::Trained(completion, ..) => completion.scene().is_guided(),
+            Fitted::Whole(_) => false,
         };
+        let (mut guide_time, mut views) = (None, None);
         let (depth, clamped, diagnostics) = match fitted {
-            Fitted::Trained(completion, _) => self.read_out(completion)?,
+            Fitted::Trained(completion, time, report) => {
+                (guide_time, views) = (time, report);
+                self.read_out(completion, points.points.len())?
+            }
             Fitted::Whole(method) => (method.complete(rgb, &points.map()?)?, 0, None),
         };
         let size = (rgb.width() as usize, rgb.height() as usize);
@@ -245,6 +252,7 @@ impl<'a> Engine<'a> {
                 None => self.own_guide.clone().filter(|_| is_guided),
             },
             guide_time,
+            views,
             diagnostics,
         })
     }
@@ -257,7 +265,12 @@ impl<'a> Engine<'a> {
         }
     }
 
-    fn read_out(&self, completion: Completion) -> Result<(DepthMap, usize, Option<Diagnostics>)> {
+    /// The map of a fit, and its diagnostics: `own` observations are those of the image, others follow.
+    fn read_out(
+        &self,
+        completion: Completion,
+        own: usize,
+    ) -> Result<(DepthMap, usize, Option<Diagnostics>)> {
         let started = Instant::now();
         let depth = match self.settings.size {
             None => completion.depth()?,
@@ -270,6 +283,11 @@ impl<'a> Engine<'a> {
         let judges = self.settings.outliers
             || self.explains && robust
             || self.counts_outliers && completion.report().used <= MOST_TESTED;
+        let outliers = judges.then(|| completion.outliers()).transpose()?;
+        let outliers = outliers.map(|mut found| {
+            found.retain(|outlier| outlier.index < own);
+            found
+        });
         let Settings {
             uncertainty,
             max_sigma,
@@ -281,7 +299,7 @@ impl<'a> Engine<'a> {
         let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
         let diagnostics = Diagnostics {
             leave_one_out: (self.explains.then(|| completion.leave_one_out_error())).flatten(),
-            outliers: judges.then(|| completion.outliers()).transpose()?,
+            outliers,
             deviations: deviations.transpose()?,
             robust,
             completion,
@@ -317,24 +335,34 @@ fn check_temporal(fit: &FitConfig) -> Result<()> {
 }
 
 impl Prepared {
-    /// The middle part: the weights, near those of the frame before, if they are given. The scene is not fitted again.
-    pub(super) fn fit(self, points: &Sparse, near: Option<&[f64]>) -> Result<Fitted> {
-        Ok(match (self, near) {
-            (Self::Trained(scene, time), None) => {
-                Fitted::Trained(scene.complete_once(&points.points)?, time)
+    /// The middle part: the weights, near those of the frame before or with the points of other images, if they are given.
+    /// The scene is not fitted again.
+    pub(super) fn fit(
+        self,
+        points: &Sparse,
+        near: Option<&[f64]>,
+        views: Option<&FrameViews>,
+    ) -> Result<Fitted> {
+        let (scene, time) = match self {
+            Self::Trained(scene, time) => (scene, time),
+            Self::Whole(method) => return Ok(Fitted::Whole(method)),
+        };
+        let (completion, report) = match (near, views) {
+            (Some(weights), _) => (scene.complete_near(&points.points, weights)?, None),
+            (None, Some(views)) => {
+                let (completion, report) = views.complete(&scene)?;
+                (completion, Some(report))
             }
-            (Self::Trained(scene, time), Some(weights)) => {
-                Fitted::Trained(scene.complete_near(&points.points, weights)?, time)
-            }
-            (Self::Whole(method), _) => Fitted::Whole(method),
-        })
+            (None, None) => (scene.complete_once(&points.points)?, None),
+        };
+        Ok(Fitted::Trained(completion, time, report))
     }
 }
 
 impl Fitted {
     pub(super) fn weights(&self) -> Option<&[f64]> {
         match self {
-            Self::Trained(completion, _) => Some(completion.weights()),
+            Self::Trained(completion, ..) => Some(completion.weights()),
             Self::Whole(_) => None,
         }
     }

@@ -4,10 +4,13 @@ use super::failures::Failures;
 use super::loaded::Loaded;
 use super::recorded::Recorded;
 use super::settings::{Settings, is_list, is_pattern};
+use super::views::FrameViews;
 use crate::cli::args::Format;
 use crate::cli::ui;
 use lsdc_core::DepthGuide;
-use lsdc_eval::data::{self, Colmap, DepthReadOptions, Sparse, UprightImage, View, check_foreign};
+use lsdc_eval::data::{
+    self, Camera, Colmap, DepthReadOptions, Orientation, Sparse, UprightImage, View, check_foreign,
+};
 use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{Workspace, WorkspaceFormat};
@@ -25,6 +28,8 @@ pub(super) struct Job {
     pub(super) name: PathBuf,
     points: Points,
     guide: Option<PathBuf>,
+    /// With `--views`, if the pose of the image is known.
+    pub(super) views: Option<FrameViews>,
 }
 
 enum Points {
@@ -40,6 +45,8 @@ pub(super) enum Input<'a> {
     File(&'a Path),
     /// Messages of a recording.
     Frame(&'a Recorded, &'a SyncedFrame),
+    /// Points and poses of other images.
+    Views(&'a FrameViews),
 }
 
 impl Input<'_> {
@@ -48,6 +55,7 @@ impl Input<'_> {
         match self {
             Self::File(path) => path,
             Self::Frame(recorded, _) => recorded.path(),
+            Self::Views(views) => views.source(),
         }
     }
 }
@@ -67,7 +75,10 @@ impl Job {
             .guide
             .as_deref()
             .map(|guide| ("guide", Input::File(guide)));
-        image.into_iter().chain([points]).chain(guide).collect()
+        let views = self.views.as_ref();
+        let views = views.map(|views| ("views", Input::Views(views)));
+        let all = image.into_iter().chain([points]).chain(guide);
+        all.chain(views).collect()
     }
 
     /// The image of a model, if it is one.
@@ -110,7 +121,29 @@ impl Job {
             orientation: image,
             warnings,
         } = data::read_upright(&self.image)?;
-        let mut assumed: Vec<String> = warnings.iter().map(ToString::to_string).collect();
+        let (camera, mut points) = self.points_in(settings, image)?;
+        points
+            .remarks
+            .extend(warnings.iter().map(ToString::to_string));
+        Ok(Loaded {
+            rgb,
+            points,
+            unplaced: 0,
+            skewed: false,
+            camera,
+            guide: None,
+            noise: None,
+            reading: Duration::ZERO,
+        })
+    }
+
+    /// The points of files in an image of this size, and its camera, if that is known.
+    pub(super) fn points_in(
+        &self,
+        settings: &Settings,
+        image: Orientation,
+    ) -> Result<(Option<Camera>, Sparse)> {
+        let mut assumed = Vec::new();
         let camera = match (&settings.camera, &self.points) {
             (Some(camera), _) => {
                 let (camera, remark) = camera.for_image(&image)?;
@@ -135,16 +168,19 @@ impl Job {
             points = points.with_sigma(path, image)?;
         }
         points.remarks.extend(assumed);
-        Ok(Loaded {
-            rgb,
-            points,
-            unplaced: 0,
-            skewed: false,
-            camera,
-            guide: None,
-            noise: None,
-            reading: Duration::ZERO,
-        })
+        Ok((camera, points))
+    }
+
+    /// The camera of the image at its place in the model, if it is of one.
+    pub(super) fn camera_in_model(
+        &self,
+        settings: &Settings,
+        image: &Orientation,
+    ) -> Result<Option<Camera>> {
+        match &self.points {
+            Points::View(view) => view.camera_of(image, settings.depth_unit),
+            Points::File(_) | Points::Recorded(..) => Ok(None),
+        }
     }
 }
 
@@ -196,6 +232,7 @@ pub(super) fn one(settings: &Settings) -> Result<Job> {
         image,
         name,
         points,
+        views: None,
     })
 }
 
@@ -213,8 +250,8 @@ pub(super) fn model(settings: &Settings) -> Result<Option<Colmap>> {
     is_model.then(|| Colmap::read(&settings.sparse)).transpose()
 }
 
-/// Every image of folders, patterns, lists and recordings that belongs to the shard, each with its points. What
-/// has none, or no name of its own, has failed.
+/// Every image of folders, patterns, lists and recordings that belongs to the shard, or with `--views` every image, each
+/// with its points. What has none, or no name of its own, has failed.
 /// Points are those of `model`, if there is one.
 pub(super) fn many(
     settings: &Settings,
@@ -222,7 +259,8 @@ pub(super) fn many(
     output: &Path,
     failures: &Failures,
 ) -> Result<Vec<Job>> {
-    let holds = |name: &Path| settings.shard.holds(&name.to_string_lossy());
+    let holds =
+        |name: &Path| settings.views.is_some() || settings.shard.holds(&name.to_string_lossy());
     if settings.rgb.is_empty() {
         check_foreign(&settings.sparse)?;
         if settings.depth_kind.is_some() {
@@ -392,8 +430,13 @@ impl<'a> Jobs<'a> {
                 name,
                 points,
                 guide,
+                views: None,
             }),
-            Err(error) => self.failures.add(&name, &error),
+            // With `--views`, images of other shards are here for their points.
+            Err(error) if self.settings.shard.holds(&name.to_string_lossy()) => {
+                self.failures.add(&name, &error);
+            }
+            Err(_) => {}
         }
     }
 }

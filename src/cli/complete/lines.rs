@@ -1,6 +1,7 @@
 //! A completed frame in words.
 
 use super::summary::Summary;
+use super::views::DescribedViews;
 use crate::cli::ui::{self, counted};
 use lsdc_files::DescribedFit;
 use std::path::Path;
@@ -55,6 +56,7 @@ impl Summary {
             ));
         }
         lines.extend(self.input());
+        lines.extend(self.views.as_ref().map(of_views));
         if let Some(quality) = self.quality {
             lines.push(format!("quality   {}", quality.name()));
         }
@@ -154,6 +156,32 @@ fn error(fit: &DescribedFit, m: &str) -> String {
     });
     format!(
         "error     {between:.4} {m} to expect between the points (leave-one-out), {at:.4} {m} at the points{with}"
+    )
+}
+
+/// What became of the points of other images.
+fn of_views(views: &DescribedViews) -> String {
+    let counts = [
+        (views.occluded, "behind the surface"),
+        (views.contradicting, "in front of it"),
+        (views.outliers, "outliers"),
+        (views.doubled, "seen twice"),
+        (views.thinned, "too many"),
+    ];
+    let counts = counts.into_iter().filter(|(count, _)| *count > 0);
+    let left_out = counts.map(|(count, reason)| format!("{count} {reason}"));
+    let left_out = left_out.collect::<Vec<_>>().join(", ");
+    let left_out = if left_out.is_empty() {
+        left_out
+    } else {
+        format!("; left out: {left_out}")
+    };
+    format!(
+        "views     {}: {} of {} agree, {} carried over{left_out}",
+        views.outcome,
+        views.used,
+        counted(views.considered, "other image"),
+        counted(views.carried, "point")
     )
 }
 

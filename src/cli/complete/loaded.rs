@@ -34,25 +34,7 @@ impl Loaded {
     /// # Errors
     /// Noise in metres for depths in an unknown unit.
     pub(super) fn with_options(mut self, settings: &Settings) -> Result<Self> {
-        if let Some(model) = settings.noise {
-            let Sparse { unit, guessed, .. } = self.points;
-            if guessed || unit == Unit::MODEL {
-                let what = if guessed {
-                    format!("but the unit of the depths is a guess: {unit}")
-                } else {
-                    "but the depths are in the unit of the model".to_owned()
-                };
-                return Err(Error::config(format!("`--noise` is in metres, {what}"))
-                    .hint("give --depth-unit, as in --depth-unit mm"));
-            }
-            let points;
-            (self.points.points, points) = model.applied(&self.points.points);
-            if points == 0 {
-                let what = "--noise is not used: all points have standard deviations of their own";
-                self.points.remarks.push(what.to_owned());
-            }
-            self.noise = Some(Noise { model, points });
-        }
+        self.noise = with_noise(&mut self.points, settings)?;
         let size = (self.rgb.width() as usize, self.rgb.height() as usize);
         let wanted = settings.size.map(|size| (size.width, size.height));
         self.points
@@ -60,6 +42,34 @@ impl Loaded {
             .extend(wanted.and_then(|wanted| stretched(size, wanted)));
         Ok(self)
     }
+}
+
+/// Gives the points without standard deviations those of the noise that is asked for.
+///
+/// # Errors
+/// Noise in metres for depths in an unknown unit.
+pub(super) fn with_noise(points: &mut Sparse, settings: &Settings) -> Result<Option<Noise>> {
+    let Some(model) = settings.noise else {
+        return Ok(None);
+    };
+    let Sparse { unit, guessed, .. } = *points;
+    if guessed || unit == Unit::MODEL {
+        let what = if guessed {
+            format!("but the unit of the depths is a guess: {unit}")
+        } else {
+            "but the depths are in the unit of the model".to_owned()
+        };
+        return Err(Error::config(format!("`--noise` is in metres, {what}"))
+            .hint("give --depth-unit, as in --depth-unit mm"));
+    }
+    let count;
+    (points.points, count) = model.applied(&points.points);
+    if count == 0 {
+        let what = "--noise is not used: all points have standard deviations of their own";
+        points.remarks.push(what.to_owned());
+    }
+    let points = count;
+    Ok(Some(Noise { model, points }))
 }
 
 /// That a result has another shape than the image.

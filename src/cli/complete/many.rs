@@ -12,6 +12,7 @@ use super::settings::{Destination, Settings};
 use super::summary::Summary;
 use super::tally::Tally;
 use super::video::{Before, Chain};
+use super::views;
 use crate::cli::{Exit, ui};
 use lsdc_eval::data::{self, Shard};
 use lsdc_eval::predict::GuideSpec;
@@ -50,10 +51,24 @@ pub(super) fn run(settings: &Settings) -> Result<Exit> {
         return Err(Error::config("`--temporal` is not for recordings")
             .hint("leave it out, or write the images to files"));
     }
+    if settings.views.is_some() {
+        if settings.temporal {
+            return Err(
+                Error::config("`--views` cannot be combined with `--temporal`")
+                    .hint("give either of them: the poses, or the order of the images"),
+            );
+        }
+        if settings.rgb.is_empty() {
+            return Err(Error::config("`--views` is not for recordings")
+                .hint("leave it out, or write images, points and poses to files"));
+        }
+    }
     let failures = Failures::new(settings.json);
     let model = inputs::model(settings)?;
     let workspaces = export::workspaces(settings, model.as_ref(), output)?;
-    let jobs = inputs::many(settings, model.as_ref(), output, &failures)?;
+    let mut jobs = inputs::many(settings, model.as_ref(), output, &failures)?;
+    views::attach(settings, &mut jobs)?;
+    jobs.retain(|job| settings.shard.holds(&job.name.to_string_lossy()));
     let records = Records::new(settings, output)?;
     let Plan { left, there } = Plan::of(settings, &workspaces, output, jobs, &records)?;
     let folders: HashSet<&Path> = left.iter().map(|frame| frame.outputs.folder()).collect();
@@ -84,13 +99,17 @@ pub(super) fn run(settings: &Settings) -> Result<Exit> {
         },
         |frame, loaded, prepared| {
             let before = chain.before(frame.before.as_ref(), &loaded.rgb)?;
-            let fitted = prepared.fit(&loaded.points, before.as_deref())?;
+            let views = frame.job.views.as_ref();
+            let fitted = prepared.fit(&loaded.points, before.as_deref(), views)?;
             chain.go_on(frame.outputs.weights(), &loaded.rgb, &fitted);
             Ok(fitted)
         },
         |Frame { job, outputs, .. }, inputs, loaded, completed| {
             let format_data = outputs.format_data(loaded, completed)?;
-            let summary = Summary::new(&job.name, loaded, completed, &format_data);
+            let mut summary = Summary::new(&job.name, loaded, completed, &format_data);
+            if let (Some(views), Some(report)) = (&job.views, &completed.views) {
+                summary.add_views(views.described(report));
+            }
             records.forget(job)?;
             outputs.write(loaded, completed, &format_data, &summary)?;
             records.write(job, inputs, &summary)?;

@@ -18,6 +18,7 @@ mod settings;
 mod summary;
 mod tally;
 mod video;
+mod views;
 
 use super::args::Complete;
 use super::{Exit, ui};

@@ -102,6 +102,9 @@ impl Records {
         for (role, input) in job.inputs(settings) {
             let path = input.path();
             let same = match before.inputs.get(role) {
+                Some(source) if matches!(input, Input::Views(_)) => {
+                    *source == self.source(&input)?
+                }
                 Some(source) if source.ending != ending(path) => false,
                 Some(source) if source.stamp.is_some() && source.stamp == stamp(path) => true,
                 Some(source) => source.content == self.source(&input)?.content,
@@ -111,7 +114,12 @@ impl Records {
                 return Ok(Some(format!("`{}` has changed", path.display())));
             }
         }
-        Ok(None)
+        let roles: Vec<&str> = job.inputs(settings).iter().map(|(role, _)| *role).collect();
+        let gone = before
+            .inputs
+            .keys()
+            .find(|role| !roles.contains(&role.as_str()));
+        Ok(gone.map(|role| format!("it was made with an input `{role}`")))
     }
 
     /// What a frame is about to be read from.
@@ -150,6 +158,13 @@ impl Records {
 
     fn source(&self, input: &Input<'_>) -> Result<Source> {
         let path = input.path();
+        if let Input::Views(views) = input {
+            return Ok(Source {
+                stamp: None,
+                ending: String::new(),
+                content: views.content().to_owned(),
+            });
+        }
         if let Input::Frame(recorded, frame) = input {
             return Ok(Source {
                 stamp: stamp(path),

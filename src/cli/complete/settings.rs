@@ -1,6 +1,6 @@
 //! The settings of a run, resolved from its arguments: defaults filled in, combinations checked.
 
-use crate::cli::args::{Complete, Format, Model, Recorded};
+use crate::cli::args::{Complete, Format, Model, PoseSource, Recorded};
 use lsdc_core::fit::{Changes, FitConfig};
 use lsdc_core::{DepthNoise, Quality};
 use lsdc_eval::data::{Camera, Colmap, DepthKind, Shard, Unit};
@@ -49,6 +49,12 @@ pub(super) struct Settings {
     pub(super) full: bool,
     pub(super) size: Option<Size>,
     pub(super) temporal: bool,
+    /// Whether points of other images join, and the file of their poses, whose contents are compared for each image.
+    #[serde(
+        serialize_with = "as_text::is_given",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub(super) views: Option<PoseSource>,
     pub(super) preserve_input: Preserve,
     /// Depths of the first and the last colour of colour maps.
     pub(super) range: Option<(f32, f32)>,
@@ -99,6 +105,12 @@ impl Settings {
         if args.temporal && is_one(&args.rgb) {
             let what = "`--temporal` would change nothing: one image has none before it";
             return Err(Error::config(what).hint("give the images of the video, or leave it out"));
+        }
+        if args.views.is_some() && is_one(&args.rgb) {
+            let what = "`--views` would change nothing: one image has no neighbours";
+            return Err(
+                Error::config(what).hint("give the images of the sequence, or leave it out")
+            );
         }
         let destination = match &args.output {
             None => Destination::BesideImage,
@@ -171,6 +183,7 @@ impl Settings {
             no_alignment,
             full,
             temporal,
+            views,
             shard,
             force,
             json,
@@ -196,6 +209,7 @@ impl Settings {
             full,
             size,
             temporal,
+            views,
             preserve_input,
             range,
             max_sigma,
@@ -284,6 +298,7 @@ fn check_method(args: &Complete) -> Result<()> {
         ("`--max-relative-sigma`", args.max_relative_sigma.is_some()),
         ("`--outliers`", args.outliers),
         ("`--temporal`", args.temporal),
+        ("`--views`", args.views.is_some()),
         ("`--full`", args.full),
     ];
     let given = options.into_iter().filter(|(_, given)| *given);
@@ -361,6 +376,10 @@ mod as_text {
     ) -> Result<S::Ok, S::Error> {
         let text = value.as_ref().map(|value| format!("{value:?}"));
         text.serialize(to)
+    }
+
+    pub(super) fn is_given<T, S: Serializer>(value: &Option<T>, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_bool(value.is_some())
     }
 
     pub(super) fn coefficients<S: Serializer>(

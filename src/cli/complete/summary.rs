@@ -4,6 +4,7 @@ use super::export::{ExportCounts, Exported};
 use super::frame::{Completed, LeftEmpty};
 use super::loaded::{Loaded, Noise};
 use super::outputs::FormatData;
+use super::views::DescribedViews;
 use crate::cli::ui::counted;
 use lsdc_core::Quality;
 use lsdc_eval::data::Unit;
@@ -42,6 +43,9 @@ pub(super) struct Summary {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) guide: Option<String>,
     pub(super) fit: Option<DescribedFit>,
+    /// With `--views`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) views: Option<DescribedViews>,
     /// The unit of depths.
     #[serde(skip)]
     metres: &'static str,
@@ -167,6 +171,7 @@ impl Summary {
                     fit.deviations.is_some(),
                 )
             }),
+            views: None,
             metres: points.unit.of_depths(),
             robust: fit.is_some_and(|fit| fit.robust),
             seconds: Seconds {
@@ -179,6 +184,14 @@ impl Summary {
             },
             remarks,
         }
+    }
+
+    /// Adds what became of the points of other images.
+    pub(super) fn add_views(&mut self, views: DescribedViews) {
+        // The fit counts all points.
+        self.points.counts.used = self.points.counts.used.saturating_sub(views.carried);
+        self.remarks.extend(views.remark());
+        self.views = Some(views);
     }
 
     /// What was assumed or left out and should be checked.

@@ -23,6 +23,17 @@ pub(super) struct Tally<'a> {
     /// With workspaces for other programs.
     exported: Option<ExportCounts>,
     skewed: usize,
+    views: ViewsTally,
+}
+
+/// Frames with points of other images, and counts of these images.
+#[derive(Default)]
+struct ViewsTally {
+    asked: usize,
+    frames: usize,
+    used: usize,
+    inconsistent: usize,
+    carried: usize,
 }
 
 /// A remark of one frame or more.
@@ -65,6 +76,7 @@ impl<'a> Tally<'a> {
             left_out_of_clouds: [0; 3],
             exported: None,
             skewed: 0,
+            views: ViewsTally::default(),
         }
     }
 
@@ -94,6 +106,13 @@ impl<'a> Tally<'a> {
             self.exported.get_or_insert_default().add(counts);
         }
         self.skewed += usize::from(summary.is_skewed());
+        if let Some(views) = &summary.views {
+            self.views.asked += 1;
+            self.views.frames += usize::from(views.carried > 0);
+            self.views.used += if views.carried > 0 { views.used } else { 0 };
+            self.views.inconsistent += views.inconsistent;
+            self.views.carried += views.carried;
+        }
         self.bar.inc(1);
         if self.json {
             self.bar.suspend(|| ui::print(&summary.value().to_string()));
@@ -123,6 +142,16 @@ impl<'a> Tally<'a> {
         }
         if let Some(points) = left_out_of_points(self.left_out_of_points) {
             tell(&format!("points    {points}"));
+        }
+        let views = &self.views;
+        if views.asked > 0 {
+            tell(&format!(
+                "views     {} points of {} joined {} of {done} frames; {} left out as they contradict the image's points",
+                views.carried,
+                counted(views.used, "other image"),
+                views.frames,
+                views.inconsistent
+            ));
         }
         if self.skewed > 0 {
             let skewed = self.skewed;

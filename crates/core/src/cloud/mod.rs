@@ -90,7 +90,11 @@ pub fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize>
 
 /// Whether each point is not occluded by nearer surfaces in the same pixel of an image of `size` (width, height) and, with
 /// `between`, by the points of a cloud around it. It does not depend on the order of the points.
-pub fn visible(points: &[Observation], (width, height): (usize, usize), between: bool) -> Vec<bool> {
+pub fn visible(
+    points: &[Observation],
+    (width, height): (usize, usize),
+    between: bool,
+) -> Vec<bool> {
     let at = |point: &Observation| pixel([point.u, point.v], (width, height)).unwrap_or(0);
     let fronts = fronts(
         points.iter().map(|point| (at(point), point)),

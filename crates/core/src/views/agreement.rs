@@ -9,7 +9,7 @@ use crate::map::DepthMap;
 use crate::standard_deviation::NORMAL;
 
 /// Points beyond so many standard deviations lie on another surface.
-const APART: f64 = 2.5;
+const APART: f64 = 3.0;
 /// The share of points that lie on other surfaces, and the density of their depths relative to that of this surface: uniform
 /// from 0 to twice its depth.
 const ELSEWHERE: f64 = 0.1;
@@ -113,7 +113,10 @@ fn agreements(
             x.min(deviations.width() - 1),
             y.min(deviations.height() - 1),
         );
-        let measured = observation.sigma.filter(|sigma| *sigma > 0.0).unwrap_or(0.0);
+        let measured = observation
+            .sigma
+            .filter(|sigma| *sigma > 0.0)
+            .unwrap_or(0.0);
         let predicted = f64::from(predicted);
         Agreement {
             difference: f64::from(observation.depth) / predicted - 1.0,
@@ -121,7 +124,11 @@ fn agreements(
             predicted,
         }
     };
-    Ok(carried.iter().zip(alone.at(&places)?).map(agreement).collect())
+    Ok(carried
+        .iter()
+        .zip(alone.at(&places)?)
+        .map(agreement)
+        .collect())
 }
 
 /// The standard deviation, relative to the depth, that points of a view have beside the known ones: the most likely one.
@@ -140,7 +147,10 @@ fn pose_deviation(all: &[Agreement], freedom: f64) -> f64 {
     let tried = (0..STEPS).map(|step| LEAST * RATIO.powi(step));
     let scored = tried.map(|pose| (log_likelihood(pose) - EVIDENCE, pose));
     let none = (log_likelihood(0.0), 0.0);
-    let best = scored.fold(none, |best, tried| if tried.0 > best.0 { tried } else { best });
+    let best = scored.fold(
+        none,
+        |best, tried| if tried.0 > best.0 { tried } else { best },
+    );
     best.1
 }
 
@@ -157,7 +167,11 @@ mod tests {
             let difference = f64::from(rng.normal()) * deviation.hypot(pose);
             let other = f64::from(rng.range(0.3, 0.9));
             Agreement {
-                difference: if rng.chance(elsewhere) { other } else { difference },
+                difference: if rng.chance(elsewhere) {
+                    other
+                } else {
+                    difference
+                },
                 deviation,
                 predicted: 2.0,
             }
@@ -173,7 +187,10 @@ mod tests {
             for elsewhere in [0.0, 0.15] {
                 let found = pose_deviation(&points(pose, elsewhere), NORMAL);
                 // One step of the grid, and the sampling error of 600 points.
-                assert!((found / pose).ln().abs() < 0.25, "{pose} {elsewhere}: {found}");
+                assert!(
+                    (found / pose).ln().abs() < 0.25,
+                    "{pose} {elsewhere}: {found}"
+                );
             }
         }
     }
@@ -186,7 +203,10 @@ mod tests {
             predicted: 2.0,
         };
         let all = [0.08, 0.0, -0.08].map(|difference| at(difference).verdict(0.0));
-        assert_eq!(all, [Verdict::Occluded, Verdict::Agrees, Verdict::Contradicts]);
+        assert_eq!(
+            all,
+            [Verdict::Occluded, Verdict::Agrees, Verdict::Contradicts]
+        );
         // 0.05 with the deviation of the pose.
         assert_eq!(at(0.08).verdict(0.04), Verdict::Agrees);
     }

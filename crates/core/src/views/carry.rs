@@ -19,7 +19,11 @@ pub(super) struct Carried {
 
 /// Every point of the other views that lies in this image, except those that it measures itself. A rigid motion changes no
 /// length: the standard deviation of a depth stays.
-pub(super) fn carry(own: &PosedView, others: &[&PosedView], views: &mut [ViewReport]) -> Vec<Carried> {
+pub(super) fn carry(
+    own: &PosedView,
+    others: &[&PosedView],
+    views: &mut [ViewReport],
+) -> Vec<Carried> {
     let measured: HashSet<u64> = own.points.ids.iter().flatten().copied().collect();
     let mut carried = Vec::new();
     for (view, (other, report)) in others.iter().zip(views).enumerate() {
@@ -80,13 +84,10 @@ pub(super) fn remove_doubled(
 }
 
 /// Removes points that are occluded by those of this image, or by one another.
-pub(super) fn remove_hidden(
-    own: &PosedView,
-    carried: &mut Vec<Carried>,
-    views: &mut [ViewReport],
-) {
+pub(super) fn remove_hidden(own: &PosedView, carried: &mut Vec<Carried>, views: &mut [ViewReport]) {
     let measured = own.observations().iter().copied();
-    let inside = measured.filter(|point| pixel([point.u, point.v], own.size()).is_some() && point.depth > 0.0);
+    let inside = measured
+        .filter(|point| pixel([point.u, point.v], own.size()).is_some() && point.depth > 0.0);
     let mut all: Vec<Observation> = carried.iter().map(with_deviation).collect();
     all.extend(inside);
     let mut visible = visible(&all, own.size(), true).into_iter();

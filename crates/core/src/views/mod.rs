@@ -21,6 +21,7 @@ use crate::scene::Scene;
 use carry::Carried;
 pub use neighbours::neighbours;
 pub use report::{ViewOutcome, ViewReport, ViewsOutcome, ViewsReport};
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// A camera at its place in the world, whatever its model.
@@ -164,8 +165,9 @@ impl Default for ViewSettings {
 /// Points whose depths are exact have this share of the smallest standard deviation of the others: 0 means unknown.
 const EXACT: f64 = 1e-3;
 
-/// The carried points are left out if the image's own points fit them worse by so many standard errors.
-const WORSE: f64 = 0.0;
+/// The carried points join only if the image's own points are predicted better with them by so many standard errors. Chosen on
+/// procedural rooms: with 0, wrong poses and 50 points raised the RMSE by 3 %.
+const BETTER: f64 = 2.0;
 
 impl Scene {
     /// Fits the basis functions of the image to its own observations together with the points of other views, at most
@@ -234,11 +236,19 @@ impl Scene {
         if carried.is_empty() {
             return Ok((alone, report));
         }
+        let mut together = self.complete(&joined(own, &alone, &carried))?;
+        let before = carried.len();
+        remove_outliers(own, &together, &mut carried, &mut report.views)?;
+        if carried.is_empty() {
+            return Ok((alone, report));
+        }
+        if carried.len() < before {
+            together = self.complete(&joined(own, &alone, &carried))?;
+        }
         for point in &carried {
             report.views[point.view].carried += 1;
         }
-        let together = self.complete(&joined(own, &alone, &carried))?;
-        if self.is_worse(own, &alone, &together, &mut report) {
+        if !self.is_better(own, &alone, &together, &mut report) {
             report.outcome = ViewsOutcome::Rejected;
             return Ok((alone, report));
         }
@@ -246,8 +256,8 @@ impl Scene {
         Ok((together, report))
     }
 
-    /// Whether the other points predict the image's own points worse with the carried ones than without.
-    fn is_worse(
+    /// Whether the other points predict the image's own points clearly better with the carried ones than without.
+    fn is_better(
         &self,
         own: &PosedView,
         alone: &Completion,
@@ -267,8 +277,28 @@ impl Scene {
             return false;
         };
         report.errors = Some([found.error, found.error_there]);
-        found.standard_errors < -WORSE
+        found.standard_errors >= BETTER
     }
+}
+
+/// Removes the carried points that disagree with the points around them, as those do that an error of the pose moves across
+/// a depth edge.
+fn remove_outliers(
+    own: &PosedView,
+    together: &Completion,
+    carried: &mut Vec<Carried>,
+    views: &mut [ViewReport],
+) -> Result<()> {
+    let first = own.observations().len();
+    let outliers = together.outliers()?.into_iter();
+    let outliers: HashSet<usize> = outliers.map(|outlier| outlier.index).collect();
+    let mut index = first..;
+    carried.retain(|point| {
+        let is_outlier = index.next().is_some_and(|index| outliers.contains(&index));
+        views[point.view].outliers += usize::from(is_outlier);
+        !is_outlier
+    });
+    Ok(())
 }
 
 /// What points say, unless there are too few of them.
@@ -285,7 +315,11 @@ fn joined(own: &PosedView, alone: &Completion, carried: &[Carried]) -> Observati
     let own = own.observations();
     let is_known = |sigma: Option<f32>| sigma.is_some_and(|sigma| sigma > 0.0);
     let own_known = own.iter().any(|point| is_known(point.sigma));
-    let noise = if own_known { alone.report().residual } else { 0.0 };
+    let noise = if own_known {
+        alone.report().residual
+    } else {
+        0.0
+    };
     let deviation = |point: &Carried| {
         let measured = point.observation.sigma.filter(|&sigma| sigma > 0.0);
         let measured = measured.map_or(noise, f64::from);
@@ -302,10 +336,13 @@ fn joined(own: &PosedView, alone: &Completion, carried: &[Carried]) -> Observati
         sigma: if own_known { point.sigma } else { exact(0.0) },
         ..*point
     });
-    let of_others = carried.iter().zip(&deviations).map(|(point, &sigma)| Observation {
-        sigma: exact(sigma),
-        ..point.observation
-    });
+    let of_others = carried
+        .iter()
+        .zip(&deviations)
+        .map(|(point, &sigma)| Observation {
+            sigma: exact(sigma),
+            ..point.observation
+        });
     of_own.chain(of_others).collect()
 }
 

@@ -16,7 +16,11 @@ const LEAST: f64 = 0.05;
 /// An index that is none of a view.
 pub fn neighbours(views: &[PosedView], index: usize, settings: &ViewSettings) -> Vec<usize> {
     let own = &views[index];
-    let end = if settings.only_past { index } else { views.len() };
+    let end = if settings.only_past {
+        index
+    } else {
+        views.len()
+    };
     let axis = own.axis();
     let score = |other: &PosedView| {
         let cosine = axis.zip(other.axis()).map_or(0.0, |(a, b)| {
@@ -26,7 +30,11 @@ pub fn neighbours(views: &[PosedView], index: usize, settings: &ViewSettings) ->
             return 0.0;
         }
         let to = share(own, other);
-        if to < LEAST { 0.0 } else { cosine * to.min(share(other, own)) }
+        if to < LEAST {
+            0.0
+        } else {
+            cosine * to.min(share(other, own))
+        }
     };
     let others = (0..end).filter(|&other| other != index);
     let scored = others.map(|other| (score(&views[other]), other));

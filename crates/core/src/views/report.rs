@@ -24,7 +24,7 @@ pub enum ViewsOutcome {
     NoPoints,
     /// The image has too few points of its own to check others.
     TooFewPoints,
-    /// They did not, because the image's own points are predicted worse with them.
+    /// They did not, because the image's own points are not predicted clearly better with them.
     Rejected,
 }
 
@@ -44,6 +44,8 @@ pub struct ViewReport {
     pub occluded: usize,
     /// Number of points in front of the surface that the image sees: something moved, or the pose is wrong.
     pub contradicting: usize,
+    /// Number of points that disagree with the points around them.
+    pub outliers: usize,
     /// Number of points that were left out because there are many.
     pub thinned: usize,
     /// Number of points that joined the fit, unless all were rejected.
@@ -73,6 +75,7 @@ impl ViewsReport {
             doubled: 0,
             occluded: 0,
             contradicting: 0,
+            outliers: 0,
             thinned: 0,
             carried: 0,
             pose_deviation: 0.0,

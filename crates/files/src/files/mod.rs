@@ -40,7 +40,9 @@ pub use npz::{encode_npz, read_npz_lists, write_npz};
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::image_kind;
-pub use picture::{UprightImage, image_orientation, image_size, is_depth_image, read_rgb, read_upright, write_rgb};
+pub use picture::{
+    UprightImage, image_orientation, image_size, is_depth_image, read_rgb, read_upright, write_rgb,
+};
 pub use ply::{ColoredPoint, are_far, encode_ply, write_ply};
 pub use quiet::hide_caught_panics;
 pub(super) use save::link_or_copy;
