@@ -185,8 +185,11 @@ impl Scene {
         // A field alone takes no guide.
         let predicts = depth_guide.is_none() && fit_method != FitMethod::Field;
         let predicted = || {
-            let guide = predicts.then(|| predicted_guide(&completer, &*forward));
-            guide.transpose()
+            if predicts {
+                predicted_guide(&completer, &*forward)
+            } else {
+                Ok(None)
+            }
         };
         // Side by side: layers of each are too small for many threads.
         let (basis, (affinities, predicted)) = completer.run(|| {
@@ -195,7 +198,7 @@ impl Scene {
                 || join(|| has_field.then(|| forward.affinities()), predicted),
             )
         });
-        let depth_guide = depth_guide.or(predicted?.flatten());
+        let depth_guide = depth_guide.or(predicted?);
         let affinities = affinities.map(|(values, size)| Affinities::new(size, &values));
         let affinities = affinities.transpose()?.map(OnceLock::from);
         let cosines = CosineBasis::up_to(completer.fit_config().cosines());
