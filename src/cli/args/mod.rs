@@ -31,7 +31,7 @@ pub(super) use values::{Format, PoseSource};
 use values::{dataset, split};
 #[cfg(feature = "download")]
 pub(super) use weights::Get;
-pub(super) use weights::{Add, Convert, Export, WeightsCommand};
+pub(super) use weights::{Add, Convert, ExportNetwork, WeightsCommand};
 
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use lsdc_eval::data::{DatasetKind, Split};

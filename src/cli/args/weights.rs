@@ -31,7 +31,7 @@ pub(in crate::cli) enum WeightsCommand {
     /// Write weights in another precision.
     Convert(Convert),
     /// Write the network of weights as an ONNX graph, for ONNX Runtime, TensorRT and other runtimes.
-    Export(Export),
+    Export(ExportNetwork),
 }
 
 #[cfg(feature = "download")]
@@ -88,7 +88,7 @@ pub(in crate::cli) struct Convert {
                         right and lower neighbour. Python fits them to depths: `completer.scene(image, outputs=...)`. \
                         `anything` cannot be exported."
 )]
-pub(in crate::cli) struct Export {
+pub(in crate::cli) struct ExportNetwork {
     /// Weights file, or a name shown by `list`.
     pub(in crate::cli) input: PathBuf,
     /// ONNX file to write (opset 13, f32).

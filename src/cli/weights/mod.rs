@@ -3,7 +3,7 @@
 #[cfg(feature = "train")]
 mod system;
 
-use super::args::{Convert, Export, WeightsCommand};
+use super::args::{Convert, ExportNetwork, WeightsCommand};
 use super::{Exit, install, ui};
 use lsdc_core::network::AdapterConfig;
 use lsdc_eval::data::{check_output, write_atomically};
@@ -229,7 +229,7 @@ fn convert(args: &Convert) -> Result<()> {
     written(&args.output, &bytes)
 }
 
-fn export(args: &Export) -> Result<()> {
+fn export(args: &ExportNetwork) -> Result<()> {
     check_output(&args.onnx, args.force)?;
     let weights = open_weights(Some(&args.input))?;
     let origin = weights_name(Some(&args.input))?;
