@@ -2,10 +2,11 @@
 
 /// A rigid transform: a point is first rotated, then translated.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Pose {
-    /// Row by row.
-    pub(crate) rotation: [[f64; 3]; 3],
-    pub(crate) translation: [f64; 3],
+pub struct Pose {
+    /// The rotation matrix, row by row.
+    pub rotation: [[f64; 3]; 3],
+    /// The translation, in the unit of the world.
+    pub translation: [f64; 3],
 }
 
 impl Pose {
@@ -26,8 +27,47 @@ impl Pose {
         }
     }
 
+    /// The pose in the 3 or 4 rows of a matrix.
+    ///
+    /// # Errors
+    /// Another number of rows, or first columns that are no rotation, as text to follow a name.
+    pub(crate) fn of_rows(rows: &[[f64; 4]]) -> Result<Self, String> {
+        /// How far the product with its transpose may be from one; files round.
+        const NEAR: f64 = 1e-3;
+        let (Some(&[a, b, c]), 3 | 4) = (rows.first_chunk(), rows.len()) else {
+            return Err(format!(
+                "has a pose of {} rows, expected 3 or 4",
+                rows.len()
+            ));
+        };
+        let rotation = [a, b, c].map(|row| [row[0], row[1], row[2]]);
+        for i in 0..3 {
+            for j in 0..3 {
+                let deviation =
+                    (dot(rotation[i], rotation[j]) - Self::IDENTITY.rotation[i][j]).abs();
+                if deviation.is_nan() || deviation > NEAR {
+                    return Err("has a pose whose first three columns are no rotation".to_owned());
+                }
+            }
+        }
+        let [x, y, z] = rotation;
+        let cross = [
+            x[1] * y[2] - x[2] * y[1],
+            x[2] * y[0] - x[0] * y[2],
+            x[0] * y[1] - x[1] * y[0],
+        ];
+        if dot(cross, z) < 0.0 {
+            return Err("has a pose that mirrors the world: its axes are left-handed".to_owned());
+        }
+        Ok(Self {
+            rotation,
+            translation: [a[3], b[3], c[3]],
+        })
+    }
+
     /// The inverse transform.
-    pub(crate) fn inverse(self) -> Self {
+    #[must_use]
+    pub fn inverse(self) -> Self {
         let rotation = [0, 1, 2].map(|j| self.rotation.map(|row| row[j]));
         Self {
             rotation,

@@ -1,7 +1,7 @@
 //! Cameras as they are written in files, and what of these is sound.
 
 use super::Camera;
-use crate::pose::{Pose, dot};
+use crate::pose::Pose;
 use lsdc_core::Lens;
 use serde::Deserialize;
 
@@ -74,8 +74,8 @@ impl TryFrom<CameraFile> for Camera {
         let camera = camera.with_lens(stored.model.lens(&stored.distortion)?);
         let pose = match (stored.world_to_camera, stored.camera_to_world) {
             (None, None) => return Ok(camera),
-            (Some(rows), None) => pose(&rows)?,
-            (None, Some(rows)) => pose(&rows)?.inverse(),
+            (Some(rows), None) => Pose::of_rows(&rows)?,
+            (None, Some(rows)) => Pose::of_rows(&rows)?.inverse(),
             (Some(_), Some(_)) => {
                 return Err("has both world_to_camera and camera_to_world".to_owned());
             }
@@ -128,38 +128,4 @@ impl LensModel {
             },
         }
     }
-}
-
-/// A pose in the rows of a matrix, whose rotation is one.
-fn pose(rows: &[[f64; 4]]) -> Result<Pose, String> {
-    /// How far the product with its transpose may be from one; files round.
-    const NEAR: f64 = 1e-3;
-    let (Some(&[a, b, c]), 3 | 4) = (rows.first_chunk(), rows.len()) else {
-        return Err(format!(
-            "has a pose of {} rows, expected 3 or 4",
-            rows.len()
-        ));
-    };
-    let rotation = [a, b, c].map(|row| [row[0], row[1], row[2]]);
-    for i in 0..3 {
-        for j in 0..3 {
-            let deviation = (dot(rotation[i], rotation[j]) - Pose::IDENTITY.rotation[i][j]).abs();
-            if deviation.is_nan() || deviation > NEAR {
-                return Err("has a pose whose first three columns are no rotation".to_owned());
-            }
-        }
-    }
-    let [x, y, z] = rotation;
-    let cross = [
-        x[1] * y[2] - x[2] * y[1],
-        x[2] * y[0] - x[0] * y[2],
-        x[0] * y[1] - x[1] * y[0],
-    ];
-    if dot(cross, z) < 0.0 {
-        return Err("has a pose that mirrors the world: its axes are left-handed".to_owned());
-    }
-    Ok(Pose {
-        rotation,
-        translation: [a[3], b[3], c[3]],
-    })
 }
