@@ -12,6 +12,7 @@ mod exit;
 #[cfg(feature = "train")]
 mod experiment;
 mod export;
+mod fuse;
 mod inspect;
 mod install;
 mod manual;
@@ -76,6 +77,7 @@ fn run(args: Args) -> Result<Exit> {
         #[cfg(feature = "train")]
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Fuse(args) => fuse::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Config(args) => {
             ui::print(&args.load()?.explained()?);

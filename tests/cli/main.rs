@@ -8,6 +8,7 @@ mod complete;
 mod eval;
 mod experiment;
 mod forms;
+mod fuse;
 mod guide;
 mod help;
 mod inputs;

@@ -5,6 +5,7 @@ mod evaluation;
 #[cfg(feature = "train")]
 mod experiment;
 mod fit;
+mod fuse;
 mod inspect;
 mod recorded;
 mod reports;
@@ -20,6 +21,7 @@ pub(super) use evaluation::{Eval, Export};
 #[cfg(feature = "train")]
 pub(super) use experiment::{Chosen, Experiments};
 use fit::FitFlags;
+pub(super) use fuse::Fuse;
 pub(super) use inspect::{Completions, Inspect, Manual};
 pub(super) use recorded::Recorded;
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
@@ -63,6 +65,8 @@ pub(super) struct Args {
 pub(super) enum Command {
     /// Complete sparse depths to dense depth maps.
     Complete(Box<Complete>),
+    /// Fuse completed frames with camera poses into one surface.
+    Fuse(Box<Fuse>),
     /// Show what is in a file: type, size, units, coverage, range.
     Inspect(Inspect),
     /// Complete depth over HTTP, for other programs.

@@ -1,11 +1,11 @@
-//! Poses of the cameras of a sequence, as SLAM systems, datasets and NeRF programs write them.
+//! Poses of the cameras of a sequence, as SLAM systems, datasets and `NeRF` programs write them.
 //!
 //! | what | a row or frame holds | found by |
 //! |---|---|---|
 //! | trajectory of TUM RGB-D | `timestamp tx ty tz qx qy qz qw`, camera to world | time |
 //! | poses of the KITTI odometry benchmark | the 12 numbers of a 3x4 matrix, camera to world | row number |
 //! | folder of 7-Scenes (`NAME.pose.txt`) or `ScanNet` (`NAME.txt`) | a 4x4 matrix, camera to world | name |
-//! | `transforms.json` of nerfstudio, Instant NGP, NeRF and apps for `ARKit` | `transform_matrix`, 4x4, camera to world | name |
+//! | `transforms.json` of nerfstudio, Instant NGP, `NeRF` and apps for `ARKit` | `transform_matrix`, 4x4, camera to world | name |
 //! | sparse model of COLMAP | quaternion and translation, world to camera | name |
 //!
 //! Cameras look along z, with x to the right and y down, as [`lsdc_core::Camera`] does. Only those of `transforms.json`
@@ -99,7 +99,10 @@ impl Poses {
         let (mut names, mut frames, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
         for view in model.views {
             let Some(camera) = view.camera else {
-                unknown.push(format!("`{}`, has a camera of another model", view.name));
+                unknown.push(format!(
+                    "`{}`, has a camera model that is not read",
+                    view.name
+                ));
                 continue;
             };
             names.push(view.name);

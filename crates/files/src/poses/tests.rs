@@ -28,17 +28,10 @@ impl Scratch {
 
 fn assert_is_there(pose: Option<Pose>) {
     let found = pose.expect("a pose").inverse();
-    for i in 0..3 {
-        assert!(
-            (found.translation[i] - POSITION[i]).abs() < 1e-9,
-            "{found:?}"
-        );
-        for j in 0..3 {
-            assert!(
-                (found.rotation[i][j] - ROTATION[i][j]).abs() < 1e-9,
-                "{found:?}"
-            );
-        }
+    let numbers = found.rotation.iter().flatten().chain(&found.translation);
+    let expected = ROTATION.iter().flatten().chain(&POSITION);
+    for (number, expected) in numbers.zip(expected) {
+        assert!((number - expected).abs() < 1e-9, "{found:?}");
     }
 }
 
@@ -88,6 +81,31 @@ fn every_format_gives_the_same_pose() {
         "{u} {v}"
     );
     assert_eq!(camera.size(), Some((640, 480)));
+}
+
+/// COLMAP has the inverse: the conjugate of the quaternion, and (3, 1.5, -2).
+#[test]
+fn a_model_of_colmap_gives_poses_and_cameras() {
+    let scratch = Scratch::new();
+    scratch.write(
+        "cameras.txt",
+        "1 PINHOLE 640 480 500 510 320 240\n2 FOV 640 480 500 500 320 240 0.9\n",
+    );
+    let images = "1 0.5 0.5 -0.5 0.5 3 1.5 -2 1 cam/view.jpg\n\n2 1 0 0 0 0 0 0 2 other.jpg\n\n";
+    scratch.write("images.txt", images);
+    scratch.write("points3D.txt", "");
+    let poses = Poses::open(scratch.0.path()).unwrap();
+    assert_is_there(poses.of("view.png"));
+    assert_eq!(
+        poses.camera("cam/view").unwrap().intrinsics(),
+        [500.0, 510.0, 319.5, 239.5]
+    );
+    assert_eq!((poses.len(), poses.ignored()), (1, 1));
+    assert!(
+        poses.warnings()[0].contains("`other.jpg`"),
+        "{:?}",
+        poses.warnings()
+    );
 }
 
 #[test]

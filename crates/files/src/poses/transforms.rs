@@ -1,4 +1,4 @@
-//! `transforms.json`, as nerfstudio, Instant NGP, NeRF and apps for `ARKit` write it.
+//! `transforms.json`, as nerfstudio, Instant NGP, `NeRF` and apps for `ARKit` write it.
 
 use super::keys::Keys;
 use super::text::{NoPose, matrix};
