@@ -54,8 +54,11 @@ python3 -m venv "$work/tools"
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PATH=$work/tools/bin:$PATH
 pip install -q -r scripts/release-tools.txt 'maturin>=1.14,<2'
 
-# newest_glibc FILE: the newest version of glibc whose symbols the file needs.
-newest_glibc() { python3 -c 'import re, sys; print(max(re.findall(rb"GLIBC_(\d+)\.(\d+)", open(sys.argv[1], "rb").read()), key=lambda v: (int(v[0]), int(v[1]))))' "$1"; }
+# newest_glibc FILE: the newest version of glibc of which the file needs a symbol.
+newest_glibc() { grep -aoE 'GLIBC_[0-9]+\.[0-9]+' "$1" | sed 's/GLIBC_//' | sort -Vu | tail -n 1; }
+
+# Where QEMU finds glibc for Arm (libc6-arm64-cross). With libc6:arm64 in place, programs hang if it is sought elsewhere.
+if [ ! -e /lib/ld-linux-aarch64.so.1 ]; then export QEMU_LD_PREFIX=/usr/aarch64-linux-gnu; fi
 
 # The first target runs here. It writes the manual pages of all archives, and its depths are compared with the others'.
 here=$built/x86_64-unknown-linux-musl/$profile/lsdc
@@ -109,10 +112,12 @@ for target in "${targets[@]}"; do
     aarch64-*) emulator=(qemu-aarch64-static) ;;
     *-windows-*) emulator=(wine) ;;
   esac
-  if [ ${#emulator[@]} = 0 ] || command -v "${emulator[0]}" >/dev/null; then
-    completes "${emulator[@]}" "$program"
-  else
+  if [ ${#emulator[@]} -gt 0 ] && ! command -v "${emulator[0]}" >/dev/null; then
     without "running $triple, because \`${emulator[0]}\` is missing"
+  elif "${emulator[@]}" "$program" --version 2>&1 | grep 'bcryptprimitives.dll.*not found'; then
+    without "running $triple, for which this Wine is too old: Rust's standard library needs that file"
+  else
+    completes "${emulator[@]}" "$program"
   fi
   scripts/archive.sh "$program" "$name" "$out" "$here"
 done
