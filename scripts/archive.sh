@@ -1,0 +1,24 @@
+#!/usr/bin/env bash
+# The archive that is released: `archive.sh PROGRAM NAME FOLDER [RUNS]` writes FOLDER/NAME.tar.gz, or NAME.zip where the
+# program is an .exe. RUNS writes the manual pages: the same version for this machine [default: PROGRAM].
+# `[package.metadata.binstall]` in Cargo.toml expects these names and this layout.
+set -euo pipefail
+program=$1 name=$2 runs=${4:-$1}
+mkdir -p "$3"
+archive=$(cd "$3" && pwd)/$name
+root=$(cd "$(dirname "$0")/.." && pwd)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+mkdir "$work/$name"
+cp "$program" "$root"/{README.md,CHANGELOG.md,CITATION.cff,LICENSE-MIT,LICENSE-APACHE,NOTICE} "$work/$name"
+"$runs" man -o "$work/$name/man" >/dev/null
+cd "$work"
+if [[ $program != *.exe ]]; then
+  tar -czf "$archive.tar.gz" "$name"
+elif command -v 7z >/dev/null; then
+  rm -f "$archive.zip"
+  7z a "$archive.zip" "$name" >/dev/null
+else
+  python3 -m zipfile -c "$archive.zip" "$name"
+fi

@@ -1,0 +1,133 @@
+#!/usr/bin/env bash
+# Programs and wheels for other systems, built on Linux on x86-64:
+#
+#     scripts/release.sh [TARGET...]      # [default: all of `targets`; `wheel-TARGET` is the Python package]
+#
+# writes archives, wheels and SHA256SUMS to target/released (LSDC_OUT=FOLDER: to another folder). Each program is checked for the
+# libraries that it loads, and completes the room where this machine can run it: Arm in QEMU, Windows in Wine. Ends
+# with what was left out. The workflow `release` builds the same on machines of each system, and for macOS, too.
+#
+# Needs rustup, Python with venv, and for Windows gcc-mingw-w64-x86-64. zig is the C compiler and linker of the others.
+# LSDC_PROFILE=release and LSDC_FEATURES="--no-default-features --features serve" build less in less time, for a trial.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+targets=(
+  x86_64-unknown-linux-musl
+  x86_64-unknown-linux-gnu
+  aarch64-unknown-linux-gnu
+  aarch64-unknown-linux-musl
+  x86_64-pc-windows-gnu
+  wheel-x86_64-unknown-linux-gnu
+  wheel-aarch64-unknown-linux-gnu
+)
+# The oldest for which Rust builds. Programs and wheels must need none that is newer.
+glibc=2.17
+
+step() { printf '\n== release: %s (%s)\n' "$1" "$(date +%T)"; }
+fail() {
+  echo "release: $1" >&2
+  exit 1
+}
+left_out=()
+without() {
+  echo "left out: $1"
+  left_out+=("$1")
+}
+
+[ "$(uname -sm)" = "Linux x86_64" ] || fail "it needs Linux on x86-64"
+if [ $# -gt 0 ]; then
+  for target in "$@"; do [[ " ${targets[*]} " == *" $target "* ]] || fail "no target \`$target\`; there are ${targets[*]}"; done
+  targets=("$@")
+fi
+version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
+profile=${LSDC_PROFILE:-dist}
+read -ra features <<<"${LSDC_FEATURES:-}"
+built=$(realpath -m "${CARGO_TARGET_DIR:-target}")
+out=$(realpath -m "${LSDC_OUT:-$built/released}")
+mkdir -p "$out"
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+step "zig"
+python3 -m venv "$work/tools"
+export PIP_DISABLE_PIP_VERSION_CHECK=1 PATH=$work/tools/bin:$PATH
+pip install -q -r scripts/release-tools.txt 'maturin>=1.14,<2'
+
+# newest_glibc FILE: the newest version of glibc of which the file needs a symbol.
+newest_glibc() { grep -aoE 'GLIBC_[0-9]+\.[0-9]+' "$1" | sed 's/GLIBC_//' | sort -Vu | tail -n 1; }
+
+# Where QEMU finds glibc for Arm (libc6-arm64-cross). With libc6:arm64 in place, programs hang if it is sought elsewhere.
+if [ ! -e /lib/ld-linux-aarch64.so.1 ]; then export QEMU_LD_PREFIX=/usr/aarch64-linux-gnu; fi
+
+# The first target runs here. It writes the manual pages of all archives, and its depths are compared with the others'.
+here=$built/x86_64-unknown-linux-musl/$profile/lsdc
+# completes COMMAND...: runs a program on the room, and compares its depths with those of the program of this machine.
+completes() {
+  for folder in here "$triple"; do
+    command=("$@")
+    if [ "$folder" = here ]; then command=("$here"); fi
+    [ -e "$work/$folder" ] || "${command[@]}" complete assets/room/rgb.png assets/room/sparse.npy -o "$work/$folder" </dev/null
+  done
+  python3 scripts/near.py "$work/$triple/rgb_depth.npy" "$work/here/rgb_depth.npy" 2e-5
+}
+
+for target in "${targets[@]}"; do
+  step "$target"
+  triple=${target#wheel-}
+  rustup target add "$triple"
+  name=lsdc-$version-$triple
+
+  if [ "$target" != "$triple" ]; then
+    (cd python && maturin build --release --locked --zig --target "$triple" --compatibility "manylinux_${glibc/./_}" --out "$out")
+    continue
+  fi
+
+  build=zigbuild zig_target=$triple program=$built/$triple/$profile/lsdc
+  case $triple in
+    *-linux-gnu) zig_target=$triple.$glibc ;;
+    *-windows-gnu)
+      # Debian's, whose library of threads is linked in.
+      command -v x86_64-w64-mingw32-gcc >/dev/null || fail "x86_64-w64-mingw32-gcc is missing: apt-get install gcc-mingw-w64-x86-64"
+      build=build program=$program.exe
+      ;;
+  esac
+  cargo "$build" --profile "$profile" -p lsdc --locked --target "$zig_target" "${features[@]}"
+  echo "$(stat -c %s "$program") bytes"
+
+  case $triple in
+    *-linux-musl)
+      if readelf -dl "$program" | grep -E 'NEEDED|INTERP'; then fail "$triple is not static"; fi ;;
+    *-linux-gnu)
+      newest=$(newest_glibc "$program")
+      echo "needs glibc $newest"
+      [ "$(printf '%s\n' "$newest" "$glibc" | sort -V | tail -n 1)" = "$glibc" ] || fail "$triple needs more than glibc $glibc" ;;
+    *-windows-gnu)
+      x86_64-w64-mingw32-objdump -p "$program" | sed -n 's/.*DLL Name: //p' | sort -f | tee "$work/libraries"
+      if grep -iE '^lib|gcc|pthread' "$work/libraries"; then fail "$triple needs libraries that Windows does not have"; fi ;;
+  esac
+  [ -x "$here" ] || fail "$here is missing; build x86_64-unknown-linux-musl first"
+  emulator=()
+  case $triple in
+    aarch64-*) emulator=(qemu-aarch64-static) ;;
+    *-windows-*) emulator=(wine) ;;
+  esac
+  if [ ${#emulator[@]} -gt 0 ] && ! command -v "${emulator[0]}" >/dev/null; then
+    without "running $triple, because \`${emulator[0]}\` is missing"
+  elif "${emulator[@]}" "$program" --version 2>&1 | grep 'bcryptprimitives.dll.*not found'; then
+    without "running $triple, for which this Wine is too old: Rust's standard library needs that file"
+  else
+    completes "${emulator[@]}" "$program"
+  fi
+  scripts/archive.sh "$program" "$name" "$out" "$here"
+done
+
+step "checksums"
+(cd "$out" && sha256sum lsdc-*.* | tee SHA256SUMS)
+
+without "macOS, whose software development kit is only on machines of Apple"
+without "tests of the wheels, which the workflow runs on machines of each system"
+without "signatures and attestations, which the workflow makes"
+echo
+for what in "${left_out[@]}"; do echo "release: left out: $what"; done
+echo "release: $out"
