@@ -3,7 +3,7 @@
 
     pip install lsdc onnxruntime pillow
     lsdc weights export default --onnx default.onnx
-    python3 onnx_runtime.py default.onnx assets/room/color.jpg assets/room/sparse.npy
+    python3 onnx_runtime.py default.onnx assets/room/rgb.png assets/room/sparse.npy
 
 Any other runtime that reads ONNX takes the place of ONNX Runtime, on any device.
 """
