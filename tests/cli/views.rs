@@ -8,19 +8,23 @@ const HEIGHT: usize = 72;
 const FRAMES: usize = 4;
 const CAMERA: &str = "80,80,47.5,35.5";
 
-/// Where the camera of a frame is: it moves to the right before the corner of a room at 3 m, and does not turn.
+/// Where the camera of a frame is: it moves to the right in front of a wall at 3 m, and does not turn.
 fn place(frame: usize) -> f64 {
     0.15 * frame as f64
 }
 
-/// The depth of the corner, z = 3 - 0.6 |x|, in a column of a frame.
-fn corner(frame: usize, column: usize) -> f64 {
-    let (right, ray) = (place(frame), (column as f64 - 47.5) / 80.0);
-    let of_wall = |slope: f64| (3.0 + slope * right) / (1.0 - slope * ray);
-    of_wall(0.6).min(of_wall(-0.6))
+/// The depth of a wall with waves, z = 3 + 0.1 sin(6 x + 5 y), at a pixel of a frame.
+fn wall(frame: usize, [u, v]: [usize; 2]) -> f64 {
+    let (right, down) = ((u as f64 - 47.5) / 80.0, (v as f64 - 35.5) / 80.0);
+    // A contraction: waves are less steep than rays.
+    (0..100).fold(3.0, |z, _| relief(place(frame) + right * z, down * z))
 }
 
-/// Images `N.png`, their points, another part of the walls each, and a trajectory `poses.txt`.
+fn relief(x: f64, y: f64) -> f64 {
+    3.0 + 0.1 * (6.0 * x + 5.0 * y).sin()
+}
+
+/// Images `N.png`, their points, other places of the wall each, and a trajectory `poses.txt`.
 fn sequence() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -35,7 +39,7 @@ fn sequence() -> tempfile::TempDir {
         let pixels = (frame * 13..WIDTH * HEIGHT).step_by(97);
         let lines = pixels.map(|i| {
             let (u, v) = (i % WIDTH, i / WIDTH);
-            format!("{u},{v},{}\n", corner(frame, u))
+            format!("{u},{v},{}\n", wall(frame, [u, v]))
         });
         let lines: String = lines.collect();
         std::fs::write(
@@ -242,8 +246,8 @@ fn points_that_images_of_a_model_share_are_counted_once() {
     std::fs::write(at("model/cameras.txt"), camera).unwrap();
     // A grid of points; each image has found every point but another quarter.
     let grid = |i: usize| {
-        let x = 0.06 * (i % 40) as f64 - 1.0;
-        [x, 0.1 * (i / 40) as f64 - 1.0, 3.0 - 0.6 * x.abs()]
+        let (x, y) = (0.06 * (i % 40) as f64 - 1.0, 0.1 * (i / 40) as f64 - 1.0);
+        [x, y, relief(x, y)]
     };
     let (mut images, mut points) = (String::new(), String::new());
     for frame in 0..2 {

@@ -65,7 +65,7 @@ fn run(arguments: &Arguments) -> Result<()> {
             for (n, points) in points.iter().enumerate() {
                 for (p, poses) in poses.iter().enumerate() {
                     let task = SequenceTask::draw(&sequence, points, *poses, seed)?;
-                    let views = scenes.views(&task)?;
+                    let views = Scenes::views(&task)?;
                     for (k, method) in methods.iter().enumerate() {
                         if p > 0 && !sees_poses(method) {
                             continue;
@@ -140,7 +140,7 @@ impl<'a> Scenes<'a> {
     }
 
     /// The points of all frames with the poses that methods are given.
-    fn views(&self, task: &SequenceTask<'_>) -> Result<Vec<PosedView>> {
+    fn views(task: &SequenceTask<'_>) -> Result<Vec<PosedView>> {
         let pairs = task.cameras.iter().zip(&task.sparse);
         pairs
             .map(|(camera, sparse)| {

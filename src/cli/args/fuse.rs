@@ -11,8 +11,8 @@ use std::path::PathBuf;
 pub(in crate::cli) struct Fuse {
     /// Folder of the results of `lsdc complete`, or of any other depth maps.
     ///
-    /// Of the files NAME_depth.* of a frame, one with standard deviations is preferred (npz, exr), else npy, tiff, pfm, png;
-    /// standard deviations may also be in NAME_sigma.npy (`lsdc complete --uncertainty`). In a folder without such names
+    /// Of the files `NAME_depth.*` of a frame, one with standard deviations is preferred (npz, exr), else npy, tiff, pfm, png;
+    /// standard deviations may also be in `NAME_sigma.npy` (`lsdc complete --uncertainty`). In a folder without such names
     /// every depth map is a frame. Folders below it are searched too.
     pub(in crate::cli) results: PathBuf,
     /// Poses of the cameras: a TUM trajectory, KITTI poses, a folder of 4x4 matrices (NAME.pose.txt), a transforms.json, or

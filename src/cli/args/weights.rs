@@ -30,7 +30,7 @@ pub(in crate::cli) enum WeightsCommand {
     },
     /// Write weights in another precision.
     Convert(Convert),
-    /// Write the network of weights as an ONNX graph, for ONNX Runtime, TensorRT and other runtimes.
+    /// Write the network of weights as an ONNX graph, for ONNX Runtime and other runtimes.
     Export(ExportNetwork),
 }
 

@@ -5,7 +5,7 @@ mod frames;
 use super::args::Fuse;
 use super::{Exit, ui};
 use frames::{Loaded, Source, sources};
-use lsdc_core::{Channels, Image};
+use lsdc_core::{Channels, DepthMap, Image};
 use lsdc_eval::data::{check_output, write_atomically};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{Poses, has_ending};
@@ -229,7 +229,7 @@ impl Loaded {
     fn frame<'a>(&'a self, image: Option<&'a Image<'a>>) -> Frame<'a> {
         Frame {
             depth: &self.depth,
-            deviation: self.deviation.as_ref().map(|map| map.values()),
+            deviation: self.deviation.as_ref().map(DepthMap::values),
             camera: &self.camera,
             image,
         }
@@ -261,15 +261,14 @@ struct Summary<'a> {
 impl Summary<'_> {
     fn lines(&self) -> Vec<String> {
         let report = self.report;
-        let mut frames = format!("frames    {} of {}", report.frames, self.total);
-        for (count, what) in [
+        let others = [
             (self.without_pose, "without a pose"),
             (self.failed, "failed"),
-        ] {
-            if count > 0 {
-                frames.push_str(&format!(", {count} {what}"));
-            }
-        }
+        ];
+        let others = others.into_iter().filter(|(count, _)| *count > 0);
+        let mut frames = vec![format!("frames    {} of {}", report.frames, self.total)];
+        frames.extend(others.map(|(count, what)| format!("{count} {what}")));
+        let frames = frames.join(", ");
         let derived = self.size.map_or(String::new(), |size| {
             let deviation = size.deviation.map_or(String::new(), |deviation| {
                 format!(", of a standard deviation {}", length(deviation))

@@ -202,12 +202,12 @@ mod tests {
             deviation: 0.03,
             predicted: 2.0,
         };
-        let all = [0.08, 0.0, -0.08].map(|difference| at(difference).verdict(0.0));
+        let all = [0.1, 0.0, -0.1].map(|difference| at(difference).verdict(0.0));
         assert_eq!(
             all,
             [Verdict::Occluded, Verdict::Agrees, Verdict::Contradicts]
         );
         // 0.05 with the deviation of the pose.
-        assert_eq!(at(0.08).verdict(0.04), Verdict::Agrees);
+        assert_eq!(at(0.1).verdict(0.04), Verdict::Agrees);
     }
 }

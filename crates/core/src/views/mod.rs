@@ -346,5 +346,6 @@ fn joined(own: &PosedView, alone: &Completion, carried: &[Carried]) -> Observati
     of_own.chain(of_others).collect()
 }
 
-#[cfg(all(test, feature = "weights"))]
+#[cfg(test)]
+#[cfg(feature = "weights")]
 mod tests;

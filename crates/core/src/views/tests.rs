@@ -13,15 +13,18 @@ fn camera([x, y, z]: [f64; 3], angle: f64) -> Camera {
     Camera::pinhole([80.0, 80.0], [47.5, 35.5]).with_pose(rotation, translation)
 }
 
-/// The depth at a pixel of what a camera sees of the corner of a room, z = `distance` - `slope` |x|; a wall without slope.
-fn depth(camera: &Camera, pixel: [f64; 2], [distance, slope]: [f64; 2]) -> f64 {
+/// The depth at a pixel of what a camera sees of a wall with waves, z = `distance` + `height` sin(6 x + 5 y).
+fn depth(camera: &Camera, pixel: [f64; 2], [distance, height]: [f64; 2]) -> f64 {
     let [from, to] = [0.0, 1.0].map(|depth| camera.unproject(pixel, depth).unwrap());
     let along = [0, 1, 2].map(|i| to[i] - from[i]);
-    let of_wall = |slope: f64| {
-        // z = distance + slope x along the ray.
-        (distance + slope * from[0] - from[2]) / (along[2] - slope * along[0])
-    };
-    of_wall(slope).min(of_wall(-slope))
+    let mut found = distance;
+    // A contraction: waves are less steep than rays.
+    for _ in 0..100 {
+        let [x, y] = [0, 1].map(|i| from[i] + found * along[i]);
+        let wave = height * (6.0 * x + 5.0 * y).sin();
+        found = (distance + wave - from[2]) / along[2];
+    }
+    found
 }
 
 /// Points of a wall, every `step`th pixel from the first.
@@ -33,14 +36,14 @@ fn wall(camera: &Camera, [first, step]: [usize; 2], shape: [f64; 2]) -> Observat
     points
 }
 
-/// The same points, off by up to a percent of their depth, times a factor.
-fn rough(view: &PosedView, factor: f64) -> Observations {
-    let points = view.observations().iter().enumerate();
-    let rough = points.map(|(i, point)| Observation {
-        depth: (f64::from(point.depth) * (1.0 + 0.01 * (i as f64).sin())) as f32 * factor as f32,
+/// The same points, times a factor.
+fn times(view: &PosedView, factor: f64) -> Observations {
+    let points = view.observations().iter();
+    let times = points.map(|point| Observation {
+        depth: point.depth * factor as f32,
         ..*point
     });
-    rough.collect()
+    times.collect()
 }
 
 fn posed(camera: &Camera, points: Observations) -> PosedView {
@@ -63,7 +66,7 @@ fn scene() -> Scene {
     scene_of(1)
 }
 
-const SHAPE: [f64; 2] = [3.0, 0.6];
+const SHAPE: [f64; 2] = [3.0, 0.1];
 
 /// A camera, its few points, and others beside it.
 fn sequence(shape: [f64; 2]) -> (PosedView, Vec<PosedView>) {
@@ -74,7 +77,7 @@ fn sequence(shape: [f64; 2]) -> (PosedView, Vec<PosedView>) {
     ];
     let own = posed(&cameras[0], wall(&cameras[0], [0, 101], shape));
     let others = cameras[1..].iter().enumerate();
-    let others = others.map(|(i, camera)| posed(camera, wall(camera, [i + 7, 97], shape)));
+    let others = others.map(|(i, camera)| posed(camera, wall(camera, [i + 7, 31], shape)));
     (own, others.collect())
 }
 
@@ -130,7 +133,7 @@ fn points_of_right_poses_join_the_fit() {
             view.points,
             "{view:?}"
         );
-        assert!(view.pose_deviation < 0.01, "{view:?}");
+        assert!(view.pose_deviation < 0.02, "{view:?}");
     }
 }
 
@@ -245,7 +248,7 @@ fn scaling_everything_scales_the_result() {
     let run = |factor: f64| {
         let scaled = |view: &PosedView, place: [f64; 3], angle: f64| {
             let camera = camera(place.map(|v| v * factor), angle);
-            posed(&camera, rough(view, factor))
+            posed(&camera, times(view, factor))
         };
         let own = scaled(&own, [0.0; 3], 0.0);
         let first = scaled(&others[0], [0.2, 0.0, 0.1], 0.1);

@@ -117,7 +117,7 @@ fn interpolated(map: &DepthMap, place: [f64; 2]) -> Option<f64> {
         };
         let low = place.floor();
         let within = low >= 0.0 && place <= length as f64 - 1.0;
-        within.then(|| (low as usize, place - low))
+        within.then_some((low as usize, place - low))
     };
     let (x, across) = axis(place[0], map.width())?;
     let (y, down) = axis(place[1], map.height())?;

@@ -279,7 +279,9 @@ impl Workspace {
         });
         let folders = files.filter_map(|file| file.parent().map(Path::to_owned));
         let folders: HashSet<PathBuf> = folders.collect();
-        folders.iter().for_each(|folder| remove_leftovers(folder));
+        for folder in &folders {
+            remove_leftovers(folder);
+        }
     }
 
     /// Whether the image of that name and its depth are in the workspace.

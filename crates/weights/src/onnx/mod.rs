@@ -1,4 +1,4 @@
-//! The network of weights as an ONNX graph, for ONNX Runtime, TensorRT and other runtimes.
+//! The network of weights as an ONNX graph, for ONNX Runtime, `TensorRT` and other runtimes.
 //!
 //! The graph computes what `lsdc_core::network::CpuNetwork` computes. Its outputs are fitted to depths by
 //! `Completer::scene_with_output`.
@@ -153,5 +153,6 @@ fn map(name: &str, channels: usize, doc_string: String) -> ValueInfo {
     }
 }
 
-#[cfg(all(test, feature = "weights"))]
+#[cfg(test)]
+#[cfg(feature = "weights")]
 mod tests;
