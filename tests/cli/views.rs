@@ -2,6 +2,7 @@
 
 use super::*;
 use serde_json::Value;
+use std::fmt::Write as _;
 
 const WIDTH: usize = 96;
 const HEIGHT: usize = 72;
@@ -47,7 +48,7 @@ fn sequence() -> tempfile::TempDir {
             format!("u,v,depth\n{lines}"),
         )
         .unwrap();
-        poses += &format!("{frame} {} 0 0 0 0 0 1\n", place(frame));
+        writeln!(poses, "{frame} {} 0 0 0 0 0 1", place(frame)).unwrap();
     }
     std::fs::write(at("poses.txt"), poses).unwrap();
     folder
@@ -261,11 +262,11 @@ fn points_that_images_of_a_model_share_are_counted_once() {
         }
         let number = frame + 1;
         let (x, seen) = (-place(frame), seen.join(" "));
-        images += &format!("{number} 1 0 0 0 {x} 0 0 1 {frame}.png\n{seen}\n");
+        writeln!(images, "{number} 1 0 0 0 {x} 0 0 1 {frame}.png\n{seen}").unwrap();
     }
     for i in 0..800 {
         let [x, y, z] = grid(i);
-        points += &format!("{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0\n");
+        writeln!(points, "{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0").unwrap();
     }
     std::fs::write(at("model/images.txt"), images).unwrap();
     std::fs::write(at("model/points3D.txt"), points).unwrap();

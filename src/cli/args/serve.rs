@@ -1,8 +1,8 @@
 //! Arguments of `serve` and `view`.
 
 use super::Model;
-use super::values::no_guide;
 use clap::Args as ClapArgs;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lsdc_eval::predict::GuideSpec;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -154,4 +154,9 @@ pub(in crate::cli) struct View {
     pub(in crate::cli) no_browser: bool,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
+}
+
+/// No guide, by its name.
+fn no_guide() -> impl TypedValueParser<Value = GuideSpec> {
+    PossibleValuesParser::new(["none"]).map(|_| GuideSpec::None)
 }

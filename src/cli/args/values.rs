@@ -7,7 +7,7 @@ use lsdc_core::{DepthNoise, Quality};
 use lsdc_eval::data::{DatasetKind, Split};
 #[cfg(feature = "train")]
 use lsdc_eval::predict::Method;
-use lsdc_eval::predict::{GuideSpec, Preserve};
+use lsdc_eval::predict::Preserve;
 use lsdc_eval::sampling::{Interpolation, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::{Precision, ResizeLayer};
@@ -290,11 +290,6 @@ fn one_of<T: Copy + Send + Sync + 'static>(
 /// The precision of weights, by its name.
 pub(super) fn precision() -> impl TypedValueParser<Value = Precision> {
     one_of(&[Precision::Half, Precision::Single], Precision::name)
-}
-
-/// No guide, by its name.
-pub(super) fn no_guide() -> impl TypedValueParser<Value = GuideSpec> {
-    PossibleValuesParser::new(["none"]).map(|_| GuideSpec::None)
 }
 
 /// A depth head, by its name.
