@@ -11,9 +11,7 @@ use lsdc_train::device::device;
 use lsdc_train::training::{self, HeldOutUnit, Scenes, TrainConfig};
 use lsdc_weights::TRAINING_NOTE;
 use lsdc_weights::history::{self, HistoryEntry};
-use lsdc_weights::open_weights;
-
-use lsdc_weights::{Precision, to_bytes};
+use lsdc_weights::{Precision, head_of, open_weights, to_bytes};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -65,6 +63,13 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         bar.set_position(done as u64);
     };
     let scenes = Scenes::of(frames.as_ref(), config.scenes.as_deref())?;
+    let head = head_of(&weights.network)?.map(|found| found.hash);
+    if head.is_none() && weights.network.extractor.encoder > 0 {
+        ui::say(
+            "warning: the depth head of the encoder is not installed, so errors are learned without the guide that \
+             `lsdc complete` uses where it is (`lsdc weights get anything`)",
+        );
+    }
     let learned = if args.only_errors {
         let all: Vec<usize> = (0..frames.len()).collect();
         let frames = frames.as_ref();
@@ -96,6 +101,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     made.settings["held_out"] = json!(config.held_out);
     made.settings["scenes"] = json!(config.scenes);
     made.settings["protocol"] = json!(config.protocol);
+    made.settings["depth_head"] = json!(head);
     history::add(&mut weights.notes, [made])?;
     let bytes = to_bytes(&weights, Precision::Half)?;
     write_atomically(&args.output, |out| out.write_all(&bytes))?;

@@ -18,6 +18,7 @@ use lsdc_eval::predict::scene;
 use lsdc_eval::sampling::{Pattern, Protocol};
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::{self as rng, Rng};
+use lsdc_weights::guided_by_head;
 use rayon::prelude::*;
 
 /// Training images that a prior is learned from at most, each with its mirror image.
@@ -223,7 +224,8 @@ fn moments(completer: &Completer, frame: &Frame, seed: u64) -> Result<[ImageMome
 }
 
 /// Learns the distribution of the errors of the joint fit from the frames at `which`, which neither the
-/// network nor its prior should have seen, and keeps it in `weights`; all else stays as it is.
+/// network nor its prior should have seen, and keeps it in `weights`; all else stays as it is. The depth head of the
+/// network's encoder guides the fits if it is installed, as it does outside of training.
 ///
 /// # Errors
 /// Weights without a prior, for another fit, or frames that cannot be read.
@@ -248,7 +250,7 @@ pub fn learn_errors(
         )
         .hint("calibrate all, with `--fit joint`"));
     };
-    let completer = completer.with_fit(fit);
+    let completer = guided_by_head(completer.with_fit(fit))?;
     let found = error_calibration(&completer, frames, which, scenes, config, progress)?;
     weights.record_prior(&prior, calibration.deviation, Some(found.model));
     Ok(found)
