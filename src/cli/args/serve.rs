@@ -38,9 +38,8 @@ pub(in crate::cli) struct Serve {
     pub(in crate::cli) tls_key: Option<PathBuf>,
     #[command(flatten)]
     pub(in crate::cli) limits: Limits,
-    /// `none`: without the guide that weights on an encoder have by default, from its depth head.
-    #[arg(long, value_parser = no_guide(), value_name = "none", help_heading = "Network", hide_short_help = true)]
-    pub(in crate::cli) guide: Option<GuideSpec>,
+    #[command(flatten)]
+    pub(in crate::cli) own_guide: OwnGuide,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
 }
@@ -154,6 +153,16 @@ pub(in crate::cli) struct View {
     pub(in crate::cli) no_browser: bool,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
+    #[command(flatten)]
+    pub(in crate::cli) own_guide: OwnGuide,
+}
+
+/// Whether scenes have the guide of the encoder's own depth head.
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct OwnGuide {
+    /// `none`: without the guide that weights on an encoder have by default, from its depth head.
+    #[arg(long, value_parser = no_guide(), value_name = "none", help_heading = "Network", hide_short_help = true)]
+    pub(in crate::cli) guide: Option<GuideSpec>,
 }
 
 /// No guide, by its name.
