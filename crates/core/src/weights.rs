@@ -6,7 +6,7 @@ use crate::network::NetworkConfig;
 pub use crate::tensor::Tensor;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -216,7 +216,7 @@ impl Weights {
                 .remove(name)
                 .ok_or_else(|| WeightsError::record(name, "it is missing"))
         };
-        let network: NetworkConfig = parsed(NETWORK, &take(NETWORK)?)?;
+        let network = parsed_network(&take(NETWORK)?)?;
         let normalisation: Normalisation = parsed(NORMALISATION, &take(NORMALISATION)?)?;
         take(VERSION)?;
         network.check()?;
@@ -346,6 +346,21 @@ pub static SMALL: &[u8] = include_bytes!("../weights/small.safetensors");
 /// Whether a tensor holds running statistics, not trained parameters.
 pub fn is_statistic(name: &str) -> bool {
     name.contains(".running_")
+}
+
+/// The sizes of the network, unless they are of one that only earlier versions can run.
+fn parsed_network(json: &str) -> Result<NetworkConfig, WeightsError> {
+    #[derive(Deserialize)]
+    struct Earlier {
+        adapters: Option<IgnoredAny>,
+    }
+    if parsed::<Earlier>(NETWORK, json)?.adapters.is_some() {
+        return Err(WeightsError::Removed {
+            what: "adapters of their pretrained encoder",
+            until: "0.2.0",
+        });
+    }
+    parsed(NETWORK, json)
 }
 
 fn parsed<T: DeserializeOwned>(name: &str, json: &str) -> Result<T, WeightsError> {
