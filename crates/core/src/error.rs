@@ -234,7 +234,7 @@ pub enum FitError {
         /// Rows of the image.
         height: usize,
     },
-    /// The fit needs a prior that the weights do not contain, or not for this space.
+    /// The fit needs a prior that the weights do not contain.
     #[error("{0}")]
     NoPrior(&'static str),
     /// The fit needs affinities of the pixels of the image.

@@ -402,4 +402,23 @@ mod tests {
         weights.record_prior(&plain, calibration.deviation, None);
         assert_eq!(weights.prior().unwrap().unwrap().0, plain);
     }
+
+    /// Weights that were stored until 0.2.0 name what is fitted.
+    #[test]
+    fn a_fit_of_another_function_of_depth_is_refused() {
+        let mut weights = Weights::builtin_small();
+        let fit = weights.fit().unwrap().unwrap();
+        let stored = |space: &str| {
+            let mut note = serde_json::to_value(fit).unwrap();
+            note["space"] = space.into();
+            note.to_string()
+        };
+        weights.notes.insert(FIT.to_owned(), stored("depth"));
+        assert_eq!(weights.fit().unwrap(), Some(fit));
+        for space in ["log", "inverse"] {
+            weights.notes.insert(FIT.to_owned(), stored(space));
+            let error = weights.fit().unwrap_err().to_string();
+            assert!(error.contains("until 0.2.0"), "{error}");
+        }
+    }
 }

@@ -4,7 +4,7 @@
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
 
-use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust, Space};
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{
     Channels, Completer, Error, Image, Observation, Observations, Weights, WeightsError,
 };
@@ -59,12 +59,9 @@ fn settings() -> impl Strategy<Value = FitConfig> {
     let method = prop::sample::select(FitMethod::ALL.to_vec());
     let prior = prop::sample::select(PriorKind::ALL.to_vec());
     let robust = prop::option::weighted(0.4, prop::sample::select(Loss::ALL.to_vec()));
-    let space =
-        prop_oneof![4 => Just(Space::Depth), 1 => prop::sample::select(Space::ALL.to_vec())];
-    (method, prior, robust, space).prop_map(move |(method, prior, loss, space)| FitConfig {
+    (method, prior, robust).prop_map(move |(method, prior, loss)| FitConfig {
         method,
         prior,
-        space,
         robust: loss.map(Robust::new),
         ..recorded
     })
