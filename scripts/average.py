@@ -22,7 +22,6 @@ import numpy as np
 TYPES = {"F16": np.float16, "F32": np.float32}
 
 PRIOR = "table.prior."
-ADAPTERS = "adapters."
 
 
 def read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
@@ -104,9 +103,6 @@ def main() -> None:
         parser.error("the tensors of both files must have the same names and shapes")
     if not shapes[0]:
         parser.error(f"no tensor begins with `{args.only}`")
-    # Only their products could be averaged, whose mean has a higher rank.
-    if any(n.startswith(ADAPTERS) and (first[n] != second[n]).any() for n in shapes[0]):
-        parser.error("weights with different adapters of their encoder cannot be averaged")
     mean = {n: (1.0 - args.share) * first[n] + args.share * second[n] for n in shapes[0]}
     record = made([(args.first, old), (args.second, notes)], args.share, args.only)
     write(args.output, {**(old if args.only else notes), "history": json.dumps([record])}, {**ours, **mean})

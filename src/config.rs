@@ -1,7 +1,7 @@
 //! All settings of a run: built-in defaults, then a file, then `--set`, then flags.
 
 use lsdc_core::fit::FitConfig;
-use lsdc_core::network::{AdapterConfig, NetworkConfig};
+use lsdc_core::network::NetworkConfig;
 use lsdc_eval::data::DataConfig;
 use lsdc_eval::evaluation::EvalConfig;
 use lsdc_eval::fit_settings::{FitSettings, merge};
@@ -55,9 +55,6 @@ pub enum Preset {
 pub struct Config {
     /// The network by name.
     pub preset: Preset,
-    /// Low-rank changes of attention in the last blocks of the pretrained encoder, trained with the network of
-    /// `preset = "anything"`; absent: the encoder stays as it is.
-    pub adapters: Option<AdapterConfig>,
     /// The network in full; replaces `preset`.
     pub network: Option<NetworkConfig>,
     /// A system that the paper compares itself with, which is trained in the place of the network.
@@ -133,7 +130,7 @@ impl Config {
 
     /// The network that is meant.
     pub fn network(&self) -> NetworkConfig {
-        let network = self.network.clone().unwrap_or(match self.preset {
+        self.network.clone().unwrap_or(match self.preset {
             Preset::Paper => NetworkConfig::paper(),
             Preset::Medium => NetworkConfig::medium(),
             Preset::Sharp => NetworkConfig::sharp(),
@@ -142,11 +139,7 @@ impl Config {
             Preset::Lite => NetworkConfig::lite(),
             Preset::LiteSmall => NetworkConfig::lite_small(),
             Preset::Anything => NetworkConfig::anything(),
-        });
-        NetworkConfig {
-            adapters: self.adapters.or(network.adapters),
-            ..network
-        }
+        })
     }
 
     /// The settings as a configuration file.
@@ -344,30 +337,6 @@ mod tests {
         let nothing = load(&[measured]).unwrap_err();
         assert!(nothing.to_string().contains("teacher_span"), "{nothing}");
         load(&[measured, "train.loss.teacher_span=0.1"]).unwrap();
-    }
-
-    #[test]
-    fn adapters_are_of_an_encoder() {
-        let load = |sets: &[&str]| {
-            let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
-            Config::load(None, &sets)
-        };
-        let config = load(&["preset=anything", "adapters={ blocks = 2 }"]).unwrap();
-        let adapters = AdapterConfig { blocks: 2, rank: 8 };
-        assert_eq!(config.network().adapters, Some(adapters));
-        let text = config.to_toml().unwrap();
-        assert_eq!(toml::from_str::<Config>(&text).unwrap(), config);
-        for wrong in [
-            "{ blocks = 13 }",
-            "{ blocks = 0 }",
-            "{ rank = 0 }",
-            "{ rank = 193 }",
-        ] {
-            let error = load(&["preset=anything", &format!("adapters={wrong}")]).unwrap_err();
-            assert!(error.to_string().contains("adapters."), "{error}");
-        }
-        let error = load(&["preset=sharp", "adapters={}"]).unwrap_err();
-        assert!(error.to_string().contains("pretrained encoder"), "{error}");
     }
 
     #[test]

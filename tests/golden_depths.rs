@@ -14,7 +14,7 @@ mod depth_anything;
 
 use lsdc::config::Config;
 use lsdc_classic::Classic;
-use lsdc_core::fit::{Changes, FitConfig, FitMethod, Loss, PriorKind, Robust, Space};
+use lsdc_core::fit::{Changes, FitConfig, FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::network::{DepthHead, Encoder, EncoderConfig};
 use lsdc_core::weights::Tensor;
 use lsdc_core::{
@@ -225,13 +225,6 @@ fn of_network(results: &mut Results, name: &str, completer: &Completer, input: &
                 ..method(FitMethod::Lse)
             },
         ));
-        fits.push((
-            "log",
-            Changes {
-                space: Some(Space::Log),
-                ..Changes::default()
-            },
-        ));
     }
     if ["five", "random", "holes", "sigma", "outliers"].contains(&input.name) {
         for (what, changes) in &fits {
@@ -435,6 +428,11 @@ fn updates() -> bool {
 fn depths_are_the_golden_ones() {
     let found = compute();
     let mut golden = read();
+    // Fits of the logarithm were removed after 0.2.0. Their results stay in the file, whose hash identifies numerics that
+    // did not change.
+    for name in ["default/random/log", "small/random/log"] {
+        golden.remove(name);
+    }
     if updates() {
         golden.retain(|name, _| found.contains_key(name));
         for (name, found) in &found {

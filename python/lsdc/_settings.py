@@ -53,7 +53,6 @@ FitSettings = TypedDict(
         "ridge": float,
         "prior": Literal["none", "flat", "learned"],
         "lambda": Union[Literal["evidence", "gcv"], float, "list[tuple[float, float]]"],
-        "space": Literal["depth", "log", "inverse"],
         "robust": Loss | RobustSettings | None,
     },
     total=False,
@@ -66,7 +65,6 @@ FitSettings = TypedDict(
 - `ridge`: added to the diagonal of the normal equations, as a fraction of their mean diagonal
 - `prior`: over the weights of the basis functions: "none", "flat" or "learned"
 - `lambda`: the strength of the prior: "evidence", "gcv", a number, or three pairs of a number of points and a strength
-- `space`: what is fitted: "depth", "log" or "inverse" depth
 - `robust`: the name of a loss, `RobustSettings`, or None
 """
 

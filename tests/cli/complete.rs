@@ -254,7 +254,7 @@ fn scaling_the_points_scales_the_result() {
             .success();
         read_npy(&folder.path().join("out/rgb_depth.npy"), 1.0).unwrap()
     };
-    for flags in [&[][..], &["--prior", "none"], &["--space", "log"]] {
+    for flags in [&[][..], &["--prior", "none"]] {
         let plain = completed(1.0, flags);
         for factor in [0.1, 3.7, 10.0] {
             let scaled = completed(factor, flags);
@@ -448,19 +448,6 @@ fn depth_is_made_of_base_functions_a_field_or_both() {
     }
     // Basis functions miss points, fields meet them.
     assert!(residuals[0] > 10.0 * residuals[1] && residuals[0] > 10.0 * residuals[2]);
-    refused(
-        at,
-        &[
-            "complete",
-            "rgb.png",
-            "sparse.npy",
-            "--fit",
-            "joint",
-            "--space",
-            "log",
-        ],
-        &["fit.space"],
-    );
 }
 
 #[test]

@@ -240,15 +240,9 @@ fn a_video_goes_on_where_it_stopped() {
         &["--prior", "none"][..],
         &["--prior", "flat"],
         &["--fit", "field"],
-        &["--space", "log"],
     ] {
         let video = ["complete", "images", "points", "-o", "more", "--temporal"];
         let words = ["`--temporal` would change nothing", otherwise[1], "hint:"];
-        let said = if otherwise[0] == "--space" {
-            &words[..1]
-        } else {
-            &words[..]
-        };
-        refused(folder.path(), &[&video[..], otherwise].concat(), said);
+        refused(folder.path(), &[&video[..], otherwise].concat(), &words);
     }
 }

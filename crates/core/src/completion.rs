@@ -297,7 +297,7 @@ impl Completion {
         let value = |(row, &place): (&[f32], &[f64; 2])| {
             let functions = row.iter().zip(&fit.weights).map(|(b, w)| f64::from(*b) * w);
             let smooth = fit.smooth().map_or(0.0, |smooth| smooth_at(smooth, place));
-            let depth = fit.scale.depth(functions.sum::<f64>() + smooth);
+            let depth = functions.sum::<f64>() + smooth;
             let depth = detail
                 .as_ref()
                 .map_or(depth, |detail| detail.at(place, depth));
@@ -365,9 +365,7 @@ impl Completion {
 
     /// The dense depth of this fit alone.
     pub(crate) fn dense(&self, size: (usize, usize)) -> Vec<f32> {
-        let Inner {
-            scene, fit, detail, ..
-        } = &*self.0;
+        let Inner { scene, detail, .. } = &*self.0;
         scene.completer().run(|| {
             let solved = scene.upsampling().map_or(size, Upsampling::grid);
             let mut values = match (self.solved(solved), scene.upsampling()) {
@@ -375,10 +373,6 @@ impl Completion {
                 (values, None) => values.into_owned(),
             };
             let (low, high) = self.limits();
-            let depth = |value: f32| fit.scale.depth(f64::from(value)) as f32;
-            values
-                .par_iter_mut()
-                .for_each(|value| *value = depth(*value));
             if let Some(detail) = detail {
                 detail.add_to(size, &mut values);
             }
@@ -388,8 +382,7 @@ impl Completion {
         })
     }
 
-    /// The fitted values, before they are converted to depths, at a size at which the equations hold. Those at the
-    /// pixels of the field are kept.
+    /// The depths before they are clamped, at a size at which the equations hold. Those at the pixels of the field are kept.
     fn solved(&self, size: (usize, usize)) -> Cow<'_, [f32]> {
         /// Pixels of a field whose values are kept.
         const MOST: usize = 1 << 18;
@@ -411,8 +404,7 @@ impl Completion {
         }
     }
 
-    /// For every given observation, its depth minus the fitted depth, before clamping (after it if a logarithm
-    /// or an inverse was fitted, which may stand for an infinite depth); NaN for those that were not used.
+    /// For every given observation, its depth minus the fitted depth, before clamping; NaN for those that were not used.
     pub fn residuals(&self) -> Vec<f64> {
         self.averaged(|own| own.own_residuals().into_owned())
     }

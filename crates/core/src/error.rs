@@ -128,6 +128,14 @@ pub enum WeightsError {
     /// The network was trained on top of a pretrained encoder, which was not given.
     #[error("the network reads the features of a pretrained encoder, which was not given")]
     NoEncoder,
+    /// The file needs something that this version no longer has.
+    #[error("the weights have {what}, which lsdc supported until {until}")]
+    Removed {
+        /// What was removed.
+        what: &'static str,
+        /// The last version that had it.
+        until: &'static str,
+    },
     /// This kind of network cannot be run here.
     #[error("this network cannot be prepared for the CPU: {0}")]
     Unsupported(&'static str),
@@ -143,6 +151,7 @@ impl WeightsError {
                 Some("the file is damaged or was edited; train or download it again")
             }
             Self::NoEncoder => Some("give it to `CompleterBuilder::encoder`"),
+            Self::Removed { .. } => Some("use that version, or train weights without"),
             Self::Read { .. } | Self::Unsupported(_) => None,
         }
     }
@@ -225,7 +234,7 @@ pub enum FitError {
         /// Rows of the image.
         height: usize,
     },
-    /// The fit needs a prior that the weights do not contain, or not for this space.
+    /// The fit needs a prior that the weights do not contain.
     #[error("{0}")]
     NoPrior(&'static str),
     /// The fit needs affinities of the pixels of the image.

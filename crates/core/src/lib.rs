@@ -122,9 +122,7 @@ pub use weights::Weights;
 /// Settings of the fit.
 pub mod settings {
     #[doc(inline)]
-    pub use crate::fit::{
-        FitConfig, FitMethod, JointConfig, Lambda, Loss, PriorKind, Robust, Space,
-    };
+    pub use crate::fit::{FitConfig, FitMethod, JointConfig, Lambda, Loss, PriorKind, Robust};
 }
 
 /// Handles are shared between threads as they are.

@@ -232,7 +232,6 @@ impl Completion {
             });
             return Ok(values);
         }
-        let depth = self.dense((height, width));
         let strips = values.par_chunks_mut(STRIP).enumerate();
         strips.for_each(|(strip, values)| {
             let pixels = strip * STRIP..strip * STRIP + values.len();
@@ -241,8 +240,7 @@ impl Completion {
             let spreads = fit.spreads(&scene.at((height, width), &places));
             for ((value, spread), pixel) in values.iter_mut().zip(spreads).zip(pixels) {
                 let variance = noise_at(pixel) * (1.0 + f64::from(spread));
-                let slope = fit.scale.slope(f64::from(depth[pixel]));
-                *value = (factor * variance.sqrt() * slope) as f32;
+                *value = (factor * variance.sqrt()) as f32;
             }
         });
         Ok(values)

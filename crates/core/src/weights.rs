@@ -6,7 +6,7 @@ use crate::network::NetworkConfig;
 pub use crate::tensor::Tensor;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -216,7 +216,7 @@ impl Weights {
                 .remove(name)
                 .ok_or_else(|| WeightsError::record(name, "it is missing"))
         };
-        let network: NetworkConfig = parsed(NETWORK, &take(NETWORK)?)?;
+        let network = parsed_network(&take(NETWORK)?)?;
         let normalisation: Normalisation = parsed(NORMALISATION, &take(NORMALISATION)?)?;
         take(VERSION)?;
         network.check()?;
@@ -348,6 +348,21 @@ pub fn is_statistic(name: &str) -> bool {
     name.contains(".running_")
 }
 
+/// The sizes of the network, unless they are of one that only earlier versions can run.
+fn parsed_network(json: &str) -> Result<NetworkConfig, WeightsError> {
+    #[derive(Deserialize)]
+    struct Earlier {
+        adapters: Option<IgnoredAny>,
+    }
+    if parsed::<Earlier>(NETWORK, json)?.adapters.is_some() {
+        return Err(WeightsError::Removed {
+            what: "adapters of their pretrained encoder",
+            until: "0.2.0",
+        });
+    }
+    parsed(NETWORK, json)
+}
+
 fn parsed<T: DeserializeOwned>(name: &str, json: &str) -> Result<T, WeightsError> {
     serde_json::from_str(json).map_err(|error| WeightsError::record(name, error))
 }
@@ -386,5 +401,24 @@ mod tests {
         let plain = Prior::new(&mean, &factor, prior.noise()).unwrap();
         weights.record_prior(&plain, calibration.deviation, None);
         assert_eq!(weights.prior().unwrap().unwrap().0, plain);
+    }
+
+    /// Weights that were stored until 0.2.0 name what is fitted.
+    #[test]
+    fn a_fit_of_another_function_of_depth_is_refused() {
+        let mut weights = Weights::builtin_small();
+        let fit = weights.fit().unwrap().unwrap();
+        let stored = |space: &str| {
+            let mut note = serde_json::to_value(fit).unwrap();
+            note["space"] = space.into();
+            note.to_string()
+        };
+        weights.notes.insert(FIT.to_owned(), stored("depth"));
+        assert_eq!(weights.fit().unwrap(), Some(fit));
+        for space in ["log", "inverse"] {
+            weights.notes.insert(FIT.to_owned(), stored(space));
+            let error = weights.fit().unwrap_err().to_string();
+            assert!(error.contains("until 0.2.0"), "{error}");
+        }
     }
 }

@@ -4,8 +4,10 @@
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
 
-use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust, Space};
-use lsdc_core::{Channels, Completer, Image, Observation, Observations, Weights};
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust};
+use lsdc_core::{
+    Channels, Completer, Error, Image, Observation, Observations, Weights, WeightsError,
+};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::sync::LazyLock;
@@ -57,12 +59,9 @@ fn settings() -> impl Strategy<Value = FitConfig> {
     let method = prop::sample::select(FitMethod::ALL.to_vec());
     let prior = prop::sample::select(PriorKind::ALL.to_vec());
     let robust = prop::option::weighted(0.4, prop::sample::select(Loss::ALL.to_vec()));
-    let space =
-        prop_oneof![4 => Just(Space::Depth), 1 => prop::sample::select(Space::ALL.to_vec())];
-    (method, prior, robust, space).prop_map(move |(method, prior, loss, space)| FitConfig {
+    (method, prior, robust).prop_map(move |(method, prior, loss)| FitConfig {
         method,
         prior,
-        space,
         robust: loss.map(Robust::new),
         ..recorded
     })
@@ -173,14 +172,39 @@ proptest! {
     }
 }
 
+/// A weights file that declares this network and has no tensor.
+fn declaring(network: &str) -> Vec<u8> {
+    let notes = serde_json::json!({ "lsdc": "0.2.0", "normalisation": "{}", "network": network });
+    let header = serde_json::json!({ "__metadata__": notes }).to_string();
+    let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
+    bytes.extend_from_slice(header.as_bytes());
+    bytes
+}
+
 /// What a file declares is compared with its length before anything is allocated.
 #[test]
 fn a_weights_file_that_declares_a_huge_network_is_refused() {
-    let header = r#"{"__metadata__":{"lsdc":"0.1.0","normalisation":"{}","network":"{\"bases\":4000000000,\"hidden\":[4000000000]}"}}"#;
-    let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
-    bytes.extend_from_slice(header.as_bytes());
+    let bytes = declaring(r#"{"bases":4000000000,"hidden":[4000000000]}"#);
     let error = Weights::from_bytes(&bytes).unwrap_err();
     assert!(error.to_string().contains("bases"), "{error}");
+}
+
+/// Without them, the network would read other features than it was trained with.
+#[test]
+fn weights_with_adapters_are_refused() {
+    let error =
+        Weights::from_bytes(&declaring(r#"{"adapters":{"blocks":3,"rank":8}}"#)).unwrap_err();
+    assert!(
+        matches!(error, Error::Weights(WeightsError::Removed { .. })),
+        "{error:?}"
+    );
+    let message = error.to_string();
+    assert!(
+        message.contains("adapters") && message.contains("until 0.2.0"),
+        "{message}"
+    );
+    Weights::from_bytes(&declaring("{}")).unwrap();
+    assert!(Weights::from_bytes(&declaring(r#"{"adapters":null}"#)).is_err());
 }
 
 #[test]

@@ -3,7 +3,7 @@
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
 
-use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust, Space};
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
 use lsdc_core::{
     Channels, Completer, Completion, DepthGuide, DepthMap, Error, FitError, GuideKind, Image,
     Observation, Observations, Quality, Scene, Weights,
@@ -337,18 +337,14 @@ fn the_next_frame_of_a_video_starts_from_both_fits() {
 #[test]
 fn a_pixel_counts_as_clamped_if_either_fit_clamps_it() {
     let mut frame = Frame::new(96, 72, 60);
-    // Between such points, inverse depths fall below 0.
+    // Between such points, the paper's fit goes far beyond them.
     let points = frame.points.iter().enumerate();
     let points = points.map(|(i, point)| Observation {
         depth: if i.is_multiple_of(3) { 20.0 } else { 1.0 },
         ..*point
     });
     frame.points = points.collect();
-    let inverse = FitConfig {
-        space: Space::Inverse,
-        ..FitConfig::default()
-    };
-    let all = frame.completed(&COMPLETER.with_fit(inverse));
+    let all = frame.completed(&COMPLETER.with_fit(FitConfig::default()));
     let is_clamped = |depth: f32| depth <= 0.1 || depth >= 200.0;
     let clamped = |depths: &[f32]| depths.iter().filter(|&&depth| is_clamped(depth)).count();
     for (width, height) in [frame.size, (50, 40)] {

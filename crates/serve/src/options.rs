@@ -4,7 +4,7 @@ use crate::fault::Fault;
 use crate::upload::Upload;
 use lsdc_core::DepthNoise;
 use lsdc_core::fit::Changes;
-use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
+use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust};
 use lsdc_files::{CloudOptions, DepthReadOptions};
 use serde::Deserialize;
 
@@ -27,7 +27,6 @@ pub(crate) struct Options {
     fit: Option<FitMethod>,
     robust: Option<Robustness>,
     prior: Option<PriorKind>,
-    space: Option<Space>,
     /// Metres, for points without a standard deviation of their own.
     pub(crate) sigma: Option<f32>,
     /// The noise of a depth camera, for points without a standard deviation of their own: a name, or A,B,C.
@@ -127,7 +126,6 @@ impl Options {
                 Robustness::Loss(loss) => Some(Robust::new(loss)),
             }),
             prior: self.prior,
-            space: self.space,
         }
     }
 

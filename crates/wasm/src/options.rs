@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Kind, Result};
 use lsdc_core::fit::Changes;
-use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
+use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{DepthNoise, Observation, Observations};
 use serde::Deserialize;
 
@@ -13,7 +13,6 @@ pub(crate) struct Options {
     fit: Option<FitMethod>,
     robust: Option<Robustness>,
     prior: Option<PriorKind>,
-    space: Option<Space>,
     /// Metres, for points without a standard deviation of their own.
     sigma: Option<f32>,
     /// The noise of a depth camera, for points without a standard deviation of their own: a name, or A,B,C.
@@ -39,7 +38,6 @@ impl Default for Options {
             fit: None,
             robust: None,
             prior: None,
-            space: None,
             sigma: None,
             noise: None,
             deviations: true,
@@ -79,7 +77,6 @@ impl Options {
                 Robustness::Loss(loss) => Some(Robust::new(loss)),
             }),
             prior: self.prior,
-            space: self.space,
         }
     }
 

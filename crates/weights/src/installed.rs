@@ -130,14 +130,14 @@ pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
     Ok(place.get_or_init(|| found).clone())
 }
 
-/// Returns Depth Anything V2 Small for a network that reads its encoder as it was published, without adapters: its depth
-/// head guides the scenes of such a network (see [`guided_by_head`]). Nothing for other networks, and if the head is not
+/// Returns Depth Anything V2 Small for a network that reads its encoder: its depth head guides the scenes of such a network
+/// (see [`guided_by_head`]). Nothing for other networks, and if the head is not
 /// installed.
 ///
 /// # Errors
 /// Files of the user's data folder that were damaged.
 pub fn head_of(network: &NetworkConfig) -> Result<Option<InstalledDepthAnything>> {
-    if network.extractor.encoder == 0 || network.adapters.is_some() {
+    if network.extractor.encoder == 0 {
         return Ok(None);
     }
     head_if_installed()

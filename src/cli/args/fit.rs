@@ -1,9 +1,9 @@
 //! Arguments that override the fit settings stored with the weights.
 
-use super::values::{Robustness, fit_method, prior_kind, quality, space};
+use super::values::{Robustness, fit_method, prior_kind, quality};
 use clap::Args as ClapArgs;
 use lsdc_core::Quality;
-use lsdc_core::fit::{Changes, FitConfig, FitMethod, PriorKind, Space};
+use lsdc_core::fit::{Changes, FitConfig, FitMethod, PriorKind};
 
 /// Settings of the fit, which override those stored with the weights.
 #[derive(Clone, Debug, ClapArgs)]
@@ -28,10 +28,6 @@ pub(in crate::cli) struct FitFlags {
     /// stored with the weights].
     #[arg(long, value_parser = prior_kind(), help_heading = "Fit", hide_short_help = true)]
     prior: Option<PriorKind>,
-    /// What the basis functions represent: depth, log (its logarithm), inverse (its inverse) [default: as
-    /// stored with the weights].
-    #[arg(long, value_parser = space(), help_heading = "Fit", hide_short_help = true)]
-    space: Option<Space>,
     /// Work per completion: standard, or best (the mean of the completions of the image and of its mirror image, in
     /// twice the time and memory).
     #[arg(long, value_parser = quality(), default_value = "standard", help_heading = "Fit", hide_short_help = true)]
@@ -48,7 +44,6 @@ impl FitFlags {
             ("`--fit`", self.fit_method.is_some()),
             ("`--robust`", robust),
             ("`--prior`", self.prior.is_some()),
-            ("`--space`", self.space.is_some()),
             ("`--quality`", self.quality != Quality::Standard),
         ];
         let given = flags.into_iter().filter(|(_, given)| *given);
@@ -61,7 +56,6 @@ impl FitFlags {
             method: self.fit_method,
             robust: self.robust.map(Robustness::settings),
             prior: self.prior,
-            space: self.space,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use lsdc_core::fit::{FitMethod, Loss, PriorKind, Robust, Space};
+use lsdc_core::fit::{FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{DepthNoise, Quality};
 use lsdc_eval::data::{DatasetKind, Split};
 #[cfg(feature = "train")]
@@ -339,11 +339,6 @@ pub(super) fn prior_kind() -> impl TypedValueParser<Value = PriorKind> {
 /// A quality, by its name.
 pub(super) fn quality() -> impl TypedValueParser<Value = Quality> {
     one_of(&Quality::ALL, Quality::name)
-}
-
-/// A space of depths, by its name.
-pub(super) fn space() -> impl TypedValueParser<Value = Space> {
-    one_of(&Space::ALL, Space::name)
 }
 
 /// A model of depth, by its name.

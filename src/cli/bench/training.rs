@@ -13,7 +13,6 @@ use lsdc_eval::sampling::{Protocol, Size};
 use lsdc_files::error::{Error, Result};
 use lsdc_train::device::device;
 use lsdc_train::model::InitNetwork as _;
-use lsdc_train::predict::{adapted_blocks, first_adapted};
 use lsdc_train::sample::{Batch, Encoding, Sampler, SamplerConfig};
 use lsdc_train::training::{Learner, TrainConfig};
 use lsdc_weights::{encoder_of, open_weights};
@@ -83,9 +82,7 @@ fn train(args: &Bench) -> Result<Training> {
         input: [size.height, size.width],
         ..Normalisation::default()
     };
-    let encoding = encoder_of(&network)?.map(|encoder| {
-        Encoding::new(encoder, normalisation, None).tokens_before(first_adapted(&network))
-    });
+    let encoding = encoder_of(&network)?.map(|encoder| Encoding::new(encoder, normalisation, None));
     let sampler = SamplerConfig {
         protocol: Protocol::default(),
         augment: config.augment,
@@ -101,8 +98,7 @@ fn train(args: &Bench) -> Result<Training> {
         .batch(0)?;
     let batch = Batch::new(&samples, normalisation, &device)?;
     let net = network.init(config.seed, &device)?;
-    let blocks = adapted_blocks(&network, &device)?;
-    let mut learner = Learner::new(net, &fit, &config).with_adapted_blocks(blocks);
+    let mut learner = Learner::new(net, &fit, &config);
     // As most steps of a run are.
     if config.freeze_statistics < 0.5 {
         learner = learner.freeze_statistics();

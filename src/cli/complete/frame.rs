@@ -331,7 +331,7 @@ fn check_temporal(fit: &FitConfig) -> Result<()> {
         method.name(),
         prior.name()
     ))
-    .hint("leave it out, or fit as the weights say: without --fit field, --prior and --space"))
+    .hint("leave it out, or fit as the weights say: without --fit field and --prior"))
 }
 
 impl Prepared {

@@ -5,7 +5,6 @@ mod system;
 
 use super::args::{Convert, ExportNetwork, WeightsCommand};
 use super::{Exit, install, ui};
-use lsdc_core::network::AdapterConfig;
 use lsdc_eval::data::{check_output, write_atomically};
 use lsdc_eval::metrics::{Metric, Scores};
 use lsdc_files::error::{Error, Result};
@@ -145,11 +144,6 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
             ""
         }
     ));
-    if let Some(AdapterConfig { blocks, rank }) = network.adapters {
-        ui::print(&format!(
-            "encoder    changed in its last blocks ({blocks}), by adapters of rank {rank}"
-        ));
-    }
     ui::print(&format!("input      {width}x{height}"));
     ui::print(&format!("fit        {fit}"));
     trained(training.as_ref(), scores);

@@ -1,9 +1,10 @@
 //! Settings of the fit.
 
 use super::lstsq::Solver;
-use super::{JointConfig, Lambda, Loss, Robust, Space};
+use super::{JointConfig, Lambda, Loss, Robust};
 use crate::error::SettingsError;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt::{Display, Formatter};
 
 /// The prior over the weights of the basis functions.
@@ -85,8 +86,10 @@ pub struct FitConfig {
     /// The strength of the prior: "evidence", "gcv", a fixed ratio of noise variance to prior variance, or
     /// three pairs of a number of points and such a ratio.
     pub lambda: Lambda,
-    /// What the basis functions represent: "depth" (as in the paper), "log" or "inverse" depth.
-    pub space: Space,
+    /// Nothing. Files of versions until 0.2.0 name what is fitted here.
+    #[doc(hidden)]
+    #[serde(skip_serializing, deserialize_with = "depth_alone")]
+    pub space: (),
     /// Settings of a robust fit, which limits the influence of outliers (paper Algorithm 2).
     #[serde(alias = "irls")]
     pub robust: Option<Robust>,
@@ -101,7 +104,7 @@ impl Default for FitConfig {
             ridge: 0.0,
             prior: PriorKind::None,
             lambda: Lambda::Evidence,
-            space: Space::Depth,
+            space: (),
             robust: None,
         }
     }
@@ -117,27 +120,19 @@ pub struct Changes {
     pub robust: Option<Option<Robust>>,
     /// The prior over the weights.
     pub prior: Option<PriorKind>,
-    /// What the basis functions represent.
-    pub space: Option<Space>,
 }
 
 impl FitConfig {
-    /// These settings with changes. The field and the learned prior exist for depth only: in another space, basis
-    /// functions alone and the flat prior replace them. A lambda chosen for basis functions with a field does not
-    /// apply to basis functions alone, and vice versa.
+    /// These settings with changes. A lambda chosen for basis functions with a field does not apply to basis functions
+    /// alone, and vice versa.
     #[doc(hidden)]
     #[must_use]
     pub fn changed(self, changes: &Changes) -> Self {
         let mut fit = self;
         fit.robust = changes.robust.unwrap_or(fit.robust);
-        fit.space = changes.space.unwrap_or(fit.space);
-        let alone = (fit.space != Space::Depth).then_some(FitMethod::Lse);
-        if let Some(method) = changes.method.or(alone).filter(|&m| m != fit.method) {
+        if let Some(method) = changes.method.filter(|&m| m != fit.method) {
             fit.method = method;
             fit.lambda = Lambda::Evidence;
-        }
-        if fit.space != Space::Depth && fit.prior == PriorKind::Learned {
-            fit.prior = PriorKind::Flat;
         }
         fit.prior = changes.prior.unwrap_or(fit.prior);
         fit
@@ -200,11 +195,6 @@ impl FitConfig {
                 "the numbers of points of `fit.lambda` must rise",
             ));
         }
-        if self.method.has_field() && self.space != Space::Depth {
-            return Err(SettingsError::new(
-                "a field is fitted to depths: `fit.space = \"depth\"`",
-            ));
-        }
         self.joint.check()?;
         self.robust.map_or(Ok(()), Robust::check)
     }
@@ -217,10 +207,7 @@ impl Display for FitConfig {
             FitMethod::Field => return write!(f, "an edge-aware field alone"),
             FitMethod::Joint => write!(f, "with an edge-aware field, ")?,
         }
-        match self.space {
-            Space::Depth => write!(f, "fit")?,
-            space => write!(f, "fit in {} depth", space.name())?,
-        }
+        write!(f, "fit")?;
         match (self.prior, self.lambda) {
             (PriorKind::None, _) if self.method == FitMethod::Joint => {
                 write!(f, " with a ridge of {}", self.joint.ridge)?;
@@ -261,4 +248,15 @@ impl Display for FitConfig {
             ),
         }
     }
+}
+
+/// Accepts what files of versions until 0.2.0 name as the fitted quantity, if it is depth.
+fn depth_alone<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
+    let space = String::deserialize(deserializer)?;
+    if space == "depth" {
+        return Ok(());
+    }
+    Err(D::Error::custom(format!(
+        "`space = \"{space}\"` was supported until 0.2.0, now fits are of depth alone"
+    )))
 }

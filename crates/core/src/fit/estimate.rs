@@ -11,7 +11,7 @@ pub(super) struct Estimate {
     pub(super) solution: Solution,
     /// The residual of each value.
     pub(super) residuals: Vec<f64>,
-    /// The noise variance of a point of weight 1, in the squared unit of the space.
+    /// The noise variance of a point of weight 1, in square metres.
     pub(super) noise: f64,
     /// The strength of the prior.
     pub(super) lambda: Option<f64>,

@@ -6,11 +6,10 @@ use super::estimate::Estimate;
 use super::estimator::Estimator;
 use super::joint::FieldEstimator;
 use super::lstsq::Problem;
-use super::outcome::{self, Fit};
+use super::outcome::Fit;
 use super::points::{FitPoints, FitRows};
 use super::prior::Prior;
 use super::robust::{self, InlierPosterior};
-use super::space::Space;
 use super::{guided, measured};
 use crate::error::{FitError, Result};
 use std::borrow::Cow;
@@ -48,9 +47,7 @@ pub fn inlier_posteriors(
     prior: Option<&Prior>,
 ) -> Result<Vec<InlierPosterior>> {
     with_initial_fit(points, config, prior, true, |rows, estimator, plain, _| {
-        let mut posteriors = robust::inlier_posteriors(&rows, estimator, &plain)?;
-        outcome::in_metres(&rows.values, &mut posteriors, rows.scale);
-        Ok(posteriors)
+        robust::inlier_posteriors(&rows, estimator, &plain)
     })
 }
 
@@ -64,7 +61,7 @@ fn with_initial_fit<T>(
     then: impl FnOnce(FitRows<'_>, Estimator<'_>, Estimate, Option<f64>) -> Result<T>,
 ) -> Result<T> {
     config.check()?;
-    let mut rows = points.rows(config.space)?;
+    let mut rows = points.rows()?;
     let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
     if !ridges.is_empty() && rows.columns() <= ridges.len() {
         return Err(FitError::Shape(format!(
@@ -76,7 +73,10 @@ fn with_initial_fit<T>(
     }
     let mut prior = match config.prior {
         PriorKind::Learned if config.method != FitMethod::Field => {
-            Some(learned(prior, config.space)?.at(rows.values.len()))
+            let prior = prior.ok_or(FitError::NoPrior(
+                "the weights hold no prior, as `lsdc calibrate` adds it",
+            ))?;
+            Some(prior.at(rows.values.len()))
         }
         PriorKind::None if config.method == FitMethod::Lse => None,
         _ => Some(Cow::Owned(Prior::flat(rows.columns() - ridges.len()))),
@@ -139,17 +139,4 @@ fn with_initial_fit<T>(
         plain = estimator.solve(&rows, &rows.weights)?;
     }
     then(rows, estimator, plain, guide_trust)
-}
-
-/// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.
-fn learned(prior: Option<&Prior>, space: Space) -> Result<&Prior, FitError> {
-    match prior {
-        Some(prior) if space == Space::Depth => Ok(prior),
-        Some(_) => Err(FitError::NoPrior(
-            "the learned prior is one over weights of depths, not of logarithms or inverses",
-        )),
-        None => Err(FitError::NoPrior(
-            "the weights hold no prior, as `lsdc calibrate` adds it",
-        )),
-    }
 }

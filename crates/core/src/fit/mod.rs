@@ -22,7 +22,6 @@ mod prior;
 mod reduced;
 mod robust;
 mod shrink;
-mod space;
 mod spectrum;
 pub mod student_t;
 #[cfg(test)]
@@ -45,5 +44,4 @@ pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::{BasisValues, EvaluateBasis, FitPoints};
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{InlierPosterior, Loss, Robust};
-pub use space::Space;
 pub(crate) use window::Window;

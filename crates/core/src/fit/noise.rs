@@ -10,7 +10,7 @@ use crate::bilinear::between;
 /// points, and shrunk towards the variance of the whole image with a weight of one degree of freedom.
 #[derive(Clone, Debug)]
 pub struct LocalNoise {
-    /// Variances in the squared unit of the fit's space, at the centres of square cells.
+    /// Variances in square metres, at the centres of square cells.
     values: Vec<f64>,
     columns: usize,
     rows: usize,
@@ -51,12 +51,12 @@ impl LocalNoise {
             }
             let left = 1.0 - leverages[i];
             if fit.field.is_none() {
-                squares[at] += weight * fit.space_residuals[i].powi(2);
+                squares[at] += weight * fit.unstacked_residuals[i].powi(2);
                 freedom[at] += left;
             } else if left > LEAST {
                 // A field nearly meets every point, which leaves next to no freedom; its leave-one-out error counts
                 // as one degree.
-                squares[at] += weight * fit.space_residuals[i].powi(2) / left;
+                squares[at] += weight * fit.unstacked_residuals[i].powi(2) / left;
                 freedom[at] += 1.0;
             }
         }
@@ -142,7 +142,7 @@ mod tests {
         for (i, [x, y]) in places.iter().enumerate() {
             let square = (x - 50.0).powi(2) + (y - 17.0).powi(2);
             let weight = (-square / (2.0 * 9.0)).exp();
-            squares += weight * fit.space_residuals[i].powi(2);
+            squares += weight * fit.unstacked_residuals[i].powi(2);
             freedom += weight * (1.0 - leverages[i]);
         }
         let expected = squares / freedom;

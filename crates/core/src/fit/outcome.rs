@@ -1,13 +1,11 @@
 //! The outcome of a fit, and what follows from it in closed form.
 
+use super::SmoothField;
 use super::estimate::Estimate;
 use super::joint::{FieldFit, Variances};
 use super::leave_one_out::{least_freedom, leave_one_out};
 use super::lstsq::Solution;
 use super::points::FitRows;
-use super::robust::InlierPosterior;
-use super::space::DepthScale;
-use super::{SmoothField, Space};
 use crate::error::FitError;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -21,7 +19,7 @@ pub const RANGE: f32 = 10.0;
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// The weights of the basis functions, with the constant first, followed by those of the cosines, in
-    /// metres (more exactly, in the unit of the fit's space).
+    /// metres.
     pub weights: Vec<f64>,
     /// Depth minus fitted depth at each point, in metres.
     pub residuals: Vec<f64>,
@@ -35,13 +33,11 @@ pub struct Fit {
     /// The standard deviation of the prior over the weights of the guide's functions, in units of the scene's scale, if
     /// there is a guide and the prior is learned; 0 if the points do not support the guide.
     pub guide_trust: Option<f64>,
-    /// What the basis functions represent, and in which unit.
-    pub scale: DepthScale,
-    /// The noise variance of a point of weight 1, in the squared unit of the space.
+    /// The noise variance of a point of weight 1, in square metres.
     pub(super) noise: f64,
-    /// Depths, and residuals of the fit without stacking, in the space of the fit.
+    /// Depths, and residuals of the fit without stacking, in metres.
     pub(super) values: Vec<f64>,
-    pub(super) space_residuals: Vec<f64>,
+    pub(super) unstacked_residuals: Vec<f64>,
     solution: Solution,
     pub(super) field: Option<Arc<FieldFit>>,
 }
@@ -59,15 +55,14 @@ impl Fit {
         let of_map = field.as_ref().and_then(|field| field.map_residuals());
         Self {
             weights: solution.weights.clone(),
-            residuals: metres(&rows.values, of_map.unwrap_or(&residuals), rows.scale),
+            residuals: of_map.unwrap_or(&residuals).to_vec(),
             point_weights: rows.weights,
             rank: solution.rank,
             lambda,
             guide_trust,
-            scale: rows.scale,
             noise,
             values: rows.values,
-            space_residuals: residuals,
+            unstacked_residuals: residuals,
             solution,
             field,
         }
@@ -127,11 +122,10 @@ impl Fit {
     /// are distributed like the pixels. NaN for a point that the fit passes through whatever its depth is.
     pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
         let has_field = self.field.is_some();
-        let mut errors = leave_one_out(&self.space_residuals, leverages, has_field);
+        let mut errors = leave_one_out(&self.unstacked_residuals, leverages, has_field);
         if let Some(field) = &self.field {
             field.left_out(&self.values, &self.point_weights, &mut errors);
         }
-        let mut errors = metres(&self.values, &errors, self.scale);
         for (error, leverage) in errors.iter_mut().zip(leverages) {
             if 1.0 - leverage < least_freedom(has_field) {
                 *error = f64::NAN;
@@ -205,7 +199,7 @@ impl Fit {
         self.field.as_ref().map(of).transpose()
     }
 
-    /// The noise variance of a point of weight 1, in the squared unit of the space.
+    /// The noise variance of a point of weight 1, in square metres.
     pub fn noise(&self) -> f64 {
         self.noise
     }
@@ -215,34 +209,6 @@ impl Fit {
         self.field
             .as_ref()
             .map_or(1.0, |field| field.observation_precision)
-    }
-}
-
-/// Residuals in metres, from values and residuals in the space of a fit. A logarithm or an inverse may stand for
-/// any depth, even an infinite one: fitted depths are clamped like those of the map.
-fn metres(values: &[f64], residuals: &[f64], scale: DepthScale) -> Vec<f64> {
-    if scale.space() == Space::Depth {
-        return residuals.to_vec();
-    }
-    let depths = || values.iter().map(|value| scale.depth(*value));
-    let low = depths().fold(f64::INFINITY, f64::min) / f64::from(RANGE);
-    let high = depths().fold(0.0, f64::max) * f64::from(RANGE);
-    let pairs = values.iter().zip(residuals).zip(depths());
-    pairs
-        .map(|((value, residual), depth)| depth - scale.depth(value - residual).clamp(low, high))
-        .collect()
-}
-
-/// Converts errors and scales from the space of a fit.
-pub(super) fn in_metres(values: &[f64], posteriors: &mut [InlierPosterior], scale: DepthScale) {
-    let errors: Vec<f64> = posteriors.iter().map(|found| found.error).collect();
-    for ((found, error), value) in posteriors
-        .iter_mut()
-        .zip(metres(values, &errors, scale))
-        .zip(values)
-    {
-        found.error = error;
-        found.scale *= scale.slope(scale.depth(*value));
     }
 }
 

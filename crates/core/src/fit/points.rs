@@ -1,9 +1,8 @@
 //! The points to be fitted.
 
+use super::FieldGeometry;
 use super::lstsq::dot;
 use super::medians::median;
-use super::space::DepthScale;
-use super::{FieldGeometry, Space};
 use crate::error::FitError;
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -54,15 +53,15 @@ pub struct FitPoints<'a> {
     pub geometry: Option<FieldGeometry<'a>>,
 }
 
-/// The rows of a regression: points in the space of the fit.
+/// The rows of a regression.
 pub(super) struct FitRows<'a> {
     bases: BasisValues<'a>,
+    /// Depths in metres.
     pub(super) values: Vec<f64>,
     pub(super) weights: Vec<f64>,
     /// The variance of each measurement, 0 where it is unknown.
     pub(super) variances: Vec<f64>,
     pub(super) places: Option<&'a [[f64; 2]]>,
-    pub(super) scale: DepthScale,
 }
 
 impl<'a> FitPoints<'a> {
@@ -78,7 +77,7 @@ impl<'a> FitPoints<'a> {
         }
     }
 
-    pub(super) fn rows(&self, space: Space) -> Result<FitRows<'a>, FitError> {
+    pub(super) fn rows(&self) -> Result<FitRows<'a>, FitError> {
         let count = self.depths.len();
         if count == 0 {
             return Err(FitError::NoObservations {
@@ -106,48 +105,34 @@ impl<'a> FitPoints<'a> {
         if !finite || !all_finite(self.depths) {
             return Err(FitError::NotFinite);
         }
-        let scale = DepthScale::of_points(space, self.depths);
-        let values: Vec<f64> = self
-            .depths
-            .iter()
-            .map(|&d| scale.of(f64::from(d)))
-            .collect();
-        if !values.iter().all(|v| v.is_finite()) {
-            return Err(FitError::NotFinite);
-        }
         let variances = match self.deviations {
             None => vec![0.0; count],
-            Some(deviations) => variances(self.depths, deviations, scale)?,
+            Some(deviations) => variances(deviations)?,
         };
         Ok(FitRows {
             bases: self.bases,
-            values,
+            values: self.depths.iter().map(|&depth| f64::from(depth)).collect(),
             weights: vec![1.0; count],
             variances,
             places: self.places,
-            scale,
         })
     }
 }
 
-/// Variances in the space of the fit, 0 where the deviation is unknown.
-fn variances(
-    depths: &[f32],
-    deviations: &[Option<f32>],
-    scale: DepthScale,
-) -> Result<Vec<f64>, FitError> {
-    let variance = |(&depth, &deviation): (&f32, &Option<f32>)| {
+/// Variances, 0 where the deviation is unknown.
+fn variances(deviations: &[Option<f32>]) -> Result<Vec<f64>, FitError> {
+    let variance = |&deviation: &Option<f32>| {
         let Some(deviation) = deviation else {
             return Ok(0.0);
         };
-        let variance = (f64::from(deviation) / scale.slope(f64::from(depth))).powi(2);
+        let variance = f64::from(deviation).powi(2);
         if deviation > 0.0 && variance > 0.0 && variance.is_finite() {
             Ok(variance)
         } else {
             Err(FitError::StandardDeviation)
         }
     };
-    depths.iter().zip(deviations).map(variance).collect()
+    deviations.iter().map(variance).collect()
 }
 
 impl FitRows<'_> {
@@ -193,17 +178,9 @@ impl FitRows<'_> {
         }
     }
 
-    /// The unit of relative residuals. Differences of logarithms are relative already.
+    /// The unit of relative residuals.
     pub(super) fn unit(&self) -> f64 {
-        match self.scale.space() {
-            Space::Log => 1.0,
-            Space::Depth | Space::Inverse => median(self.values.iter().copied()),
-        }
-    }
-
-    /// Whether an error by a factor grows with the value.
-    pub(super) fn is_proportional(&self) -> bool {
-        self.scale.space() != Space::Log
+        median(self.values.iter().copied())
     }
 
     /// Some of the points at their `places`, with other `values` and a basis function that is 0.
@@ -220,7 +197,6 @@ impl FitRows<'_> {
             weights: points.iter().map(|&i| self.weights[i]).collect(),
             variances: points.iter().map(|&i| self.variances[i]).collect(),
             places: Some(places),
-            scale: self.scale,
         }
     }
 

@@ -8,8 +8,8 @@
 //! weights is the centre of the fits to many points; but with next to no points, depth is predicted best by
 //! the weights of the regression over the pixels of all images. So m moves from these, for a single point, to the mean.
 
+use super::FitPoints;
 use super::lstsq::{Moments, Problem};
-use super::{FitPoints, Space};
 use crate::error::{FitError, WeightsError};
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
@@ -286,7 +286,7 @@ impl ImageMoments {
     /// # Errors
     /// No points, or values that are not finite.
     pub fn new(points: &FitPoints<'_>) -> Result<Self, FitError> {
-        let rows = points.rows(Space::Depth)?;
+        let rows = points.rows()?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
         let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
         let problem = Problem::new(&rows.bases(), &depths, &rows.weights);

@@ -2,7 +2,7 @@
 
 use super::lstsq::Problem;
 use super::prior::{ImageMoments, NoisePrior, Prior};
-use super::{Fit, FitConfig, FitPoints, Lambda, PriorKind, Robust, Space, fit};
+use super::{Fit, FitConfig, FitPoints, Lambda, PriorKind, Robust, fit};
 use faer::linalg::solvers::{DenseSolveCore as _, Solve as _, SolveLstsq as _};
 use faer::{Mat, Side};
 use lsdc_rng::Rng;
@@ -417,31 +417,20 @@ fn numbers_of_a_prior_come_back_and_damaged_ones_are_refused() {
     );
 }
 
+/// Files of earlier versions name what is fitted.
 #[test]
-fn a_constant_is_fitted_in_every_space_by_its_mean() {
-    // The arithmetic, geometric and harmonic mean.
-    let depths = [1.0_f32, 2.0, 4.0];
-    let bases = [1.0_f32; 3];
-    for (space, mean) in [
-        (Space::Depth, 7.0 / 3.0),
-        (Space::Log, 2.0),
-        (Space::Inverse, 12.0 / 7.0),
-    ] {
-        let config = FitConfig {
-            space,
-            ..FitConfig::default()
-        };
-        let fit = fit(&FitPoints::new(&bases, &depths), &config, None).unwrap();
-        assert!(
-            (fit.scale.depth(fit.weights[0]) - mean).abs() < 1e-6,
-            "{space:?}"
-        );
-        let residual = 4.0 - mean;
-        assert!(
-            (fit.residuals[2] - residual).abs() < 1e-6,
-            "{space:?} {:?}",
-            fit.residuals
-        );
+fn other_functions_of_depth_are_refused() {
+    let read = |text: &str| toml::from_str::<FitConfig>(text);
+    assert_eq!(read("space = \"depth\"").unwrap(), FitConfig::default());
+    assert!(
+        !toml::to_string(&FitConfig::default())
+            .unwrap()
+            .contains("space")
+    );
+    for name in ["log", "inverse"] {
+        let error = read(&format!("space = \"{name}\"")).unwrap_err();
+        assert!(error.message().contains("until 0.2.0"), "{error}");
+        assert!(error.message().contains(name), "{error}");
     }
 }
 
@@ -544,7 +533,7 @@ fn ten_thousand_problems_have_finite_answers() {
     };
     for seed in 0..10_000 {
         let (bases, depths) = problem(seed);
-        let config = match seed % 8 {
+        let config = match seed % 7 {
             0 | 1 => FitConfig::default(),
             2 => FitConfig {
                 ridge: 1e-6,
@@ -557,10 +546,6 @@ fn ten_thousand_problems_have_finite_answers() {
             },
             4 => FitConfig {
                 robust: Some(Robust::default()),
-                ..FitConfig::default()
-            },
-            5 => FitConfig {
-                space: Space::Log,
                 ..FitConfig::default()
             },
             _ => FitConfig {

@@ -1,6 +1,5 @@
 //! Sizes of the network.
 
-use super::encoder::EncoderConfig;
 use crate::error::SettingsError;
 use serde::{Deserialize, Serialize};
 
@@ -201,43 +200,6 @@ impl ExtractorConfig {
     }
 }
 
-/// Low-rank changes of attention in the last blocks of a pretrained encoder (`LoRA`, Hu et al. 2022): to the weights W
-/// of queries and of values, A B / `rank` is added, A of `width` x `rank` and B of `rank` x `width`. B is 0 before
-/// training.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct AdapterConfig {
-    /// How many blocks have them, counted from the last.
-    pub blocks: usize,
-    /// The rank of each change.
-    pub rank: usize,
-}
-
-impl Default for AdapterConfig {
-    /// The blocks between the third tap of ViT-S/14 and the last.
-    fn default() -> Self {
-        Self { blocks: 3, rank: 8 }
-    }
-}
-
-impl AdapterConfig {
-    fn check(self, encoder: usize) -> Result<(), SettingsError> {
-        let EncoderConfig { blocks, width, .. } = EncoderConfig::small();
-        if encoder == 0 {
-            let what = "`adapters` are for networks on top of a pretrained encoder";
-            return Err(SettingsError::new(what)
-                .with_hint("set `preset = \"anything\"`, or leave `adapters` out"));
-        }
-        if (1..=blocks).contains(&self.blocks) && (1..=width / 2).contains(&self.rank) {
-            return Ok(());
-        }
-        Err(SettingsError::new(format!(
-            "`adapters.blocks` must be from 1 to {blocks}, `adapters.rank` from 1 to {}",
-            width / 2
-        )))
-    }
-}
-
 /// The network: a feature extractor with pyramid pooling and an MLP per pixel (paper section 3.2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -261,10 +223,6 @@ pub struct NetworkConfig {
     pub affinities: usize,
     /// Normalisation after every convolution and hidden layer.
     pub norm: NormKind,
-    /// Changes of the pretrained encoder that are trained with the network; absent: it stays as it was published.
-    // Not in files without them: earlier versions do not know the name.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub adapters: Option<AdapterConfig>,
 }
 
 impl Default for NetworkConfig {
@@ -284,7 +242,6 @@ impl NetworkConfig {
             mean: false,
             affinities: 0,
             norm: NormKind::Batch,
-            adapters: None,
         }
     }
 
@@ -386,9 +343,6 @@ impl NetworkConfig {
     /// The first setting that is out of range.
     pub fn check(&self) -> Result<(), SettingsError> {
         self.extractor.check()?;
-        if let Some(adapters) = self.adapters {
-            adapters.check(self.extractor.encoder)?;
-        }
         let channels = |v: &usize| (1..=MOST_CHANNELS).contains(v);
         if !self.hidden.iter().chain([&self.bases]).all(channels) || self.hidden.len() > MOST_BLOCKS
         {

@@ -23,12 +23,12 @@ mod workspace;
 pub use backbone::{BACKBONE_STEM, InvertedBlock};
 pub use colour_affinity::{CONTRAST, ColourAffinity, LEAST_AFFINITY, MAX_LOG_FACTOR};
 pub use config::{
-    AdapterConfig, BackboneConfig, CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig,
-    NetworkConfig, NormKind, StageConfig,
+    BackboneConfig, CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind,
+    StageConfig,
 };
 pub use encoder::{
-    ADAPTERS, DEPTH_HEAD, DepthHead, Encoder, EncoderConfig, FeatureMap, Features, LAYER_EPSILON,
-    MORE_BLOCKS, PATCH, in_patches, positions,
+    DEPTH_HEAD, DepthHead, Encoder, EncoderConfig, FeatureMap, Features, LAYER_EPSILON, PATCH,
+    in_patches, positions,
 };
 pub use encoding::{channels, codes};
 pub use head::MAX_LOG_DEPTH;
@@ -56,7 +56,7 @@ pub trait Network: Debug + Send + Sync {
     /// An image that cannot be encoded.
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error>;
 
-    /// The sizes of the pretrained encoder, if the network reads one that was not changed since it was published.
+    /// The sizes of the pretrained encoder, if the network reads one.
     fn published_encoder(&self) -> Option<&EncoderConfig> {
         None
     }
@@ -74,7 +74,7 @@ pub trait Forward: Debug + Send + Sync {
     /// and width.
     fn affinities(&self) -> (Vec<f32>, (usize, usize));
 
-    /// The features of the published encoder, for its depth head (see [`Network::published_encoder`]).
+    /// The features of the encoder, for its depth head (see [`Network::published_encoder`]).
     fn published_features(&self) -> Option<Features> {
         None
     }
@@ -97,8 +97,6 @@ pub struct CpuNetwork(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     encoder: Option<Arc<Encoder>>,
-    /// Whether adapters have changed the encoder.
-    adapted: bool,
     extractor: Extractor,
     head: Head,
     affinities: Option<AffinityNet>,
@@ -128,16 +126,11 @@ impl CpuNetwork {
             return Err(WeightsError::Unsupported(why).into());
         }
         let tensors = Tensors::new(tensors, level);
-        let encoder = match (encoder, config.adapters) {
-            (Some(encoder), Some(adapters)) => Some(Arc::new(encoder.adapted(adapters, &tensors)?)),
-            (encoder, _) => encoder,
-        };
         let channels = encoder.as_ref().map(|encoder| encoder.config().channels());
         let affinities =
             (config.affinities > 0).then(|| AffinityNet::new(config, channels, &tensors));
         let inner = Inner {
             extractor: Extractor::new(&config.extractor, channels, config.mean, &tensors)?,
-            adapted: encoder.is_some() && config.adapters.is_some(),
             encoder,
             head: Head::new(config, &tensors)?,
             affinities: affinities.transpose()?,
@@ -168,8 +161,7 @@ impl Network for CpuNetwork {
     }
 
     fn published_encoder(&self) -> Option<&EncoderConfig> {
-        let encoder = self.0.encoder.as_ref().filter(|_| !self.0.adapted);
-        encoder.map(|encoder| encoder.config())
+        self.0.encoder.as_ref().map(|encoder| encoder.config())
     }
 
     fn release(&self) {

@@ -257,19 +257,6 @@ impl Packed {
         }
     }
 
-    /// The same with `change(row, column)` added to each value.
-    #[must_use]
-    pub fn plus(&self, change: impl Fn(usize, usize) -> f32) -> Self {
-        let mut sum = self.clone();
-        for (i, values) in sum.values.chunks_exact_mut(self.width).enumerate() {
-            let (first, row) = (i / self.depth * self.width, i % self.depth);
-            for (value, column) in values.iter_mut().zip(first..self.columns) {
-                *value += change(row, column);
-            }
-        }
-        sum
-    }
-
     /// The number of columns.
     pub fn columns(&self) -> usize {
         self.columns

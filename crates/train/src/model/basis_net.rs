@@ -1,6 +1,5 @@
 //! The whole network: images to basis functions and affinities.
 
-use super::adapters::Adapters;
 use super::affinity_net::AffinityNet;
 use super::bases::{Bases, BasisHead};
 use super::extractor::{self, Extractor};
@@ -8,7 +7,7 @@ use super::layers::{self, Init};
 use super::{affinities, bases};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
-use lsdc_core::network::{EncoderConfig, NetworkConfig};
+use lsdc_core::network::NetworkConfig;
 use lsdc_files::error::Result;
 use lsdc_rng::Rng;
 
@@ -55,7 +54,6 @@ pub struct BasisNet {
     pub(super) head: BasisHead,
     /// Named as the tensors in weights files.
     pub(super) edges: Option<AffinityNet>,
-    adapters: Option<Adapters>,
 }
 
 impl BasisNet {
@@ -76,9 +74,6 @@ impl BasisNet {
             extractor: extractor::build(&config.extractor, config.mean, init),
             head: BasisHead::init(config, init),
             edges: (config.affinities > 0).then(|| AffinityNet::init(config, init)),
-            adapters: config
-                .adapters
-                .map(|adapters| Adapters::init(adapters, EncoderConfig::small().width, init)),
         })
     }
 
@@ -108,21 +103,6 @@ impl BasisNet {
         let edges = self.edges.as_ref();
         let changes = edges.map(|net| net.forward(images.clone(), encoded));
         affinities::affinities(images, changes)
-    }
-
-    /// The changes of the pretrained encoder, if it has any: what [`BasisNet::bases`] and [`BasisNet::affinities`] are
-    /// given must have been computed with them.
-    pub fn adapters(&self) -> Option<&Adapters> {
-        self.adapters.as_ref()
-    }
-
-    /// Keeps the changes of the pretrained encoder as they are from now on.
-    #[must_use]
-    pub fn fix_adapters(self) -> Self {
-        Self {
-            adapters: self.adapters.map(Adapters::no_grad),
-            ..self
-        }
     }
 
     /// Keeps the affinity network, its statistics included, as it is from now on.

@@ -255,11 +255,6 @@ impl Linear {
         }
     }
 
-    #[cfg(test)]
-    pub(super) fn weight(&self) -> &Param<Tensor<2>> {
-        &self.weight
-    }
-
     /// `[from, to]`
     pub fn weights(&self) -> Tensor<2> {
         self.weight.val()

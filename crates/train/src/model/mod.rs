@@ -2,7 +2,6 @@
 //! affinities. It reads no file and no dataset, and never a sparse depth. Its sizes are those of
 //! `lsdc_core::network`, which prepares it for the CPU.
 
-mod adapters;
 mod affinities;
 mod affinity_net;
 mod backbone;
@@ -20,13 +19,12 @@ mod pooling;
 #[cfg(test)]
 mod prepared_tests;
 #[cfg(test)]
-pub(crate) mod random_encoder;
+mod random_encoder;
 #[cfg(test)]
 mod tests;
 mod vision;
 pub mod weights;
 
-pub use adapters::Adapters;
 pub(crate) use bases::every;
 pub use bases::{Bases, BasisHead, HiddenBases};
 pub use basis_net::{BasisNet, InitNetwork};
@@ -36,6 +34,6 @@ pub use on_device::{AnyEncoder, OnDevice, encoded_tensor};
 pub use parameters::parameter_count;
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
-pub use vision::{LastBlocks, VisionTransformer};
+pub use vision::VisionTransformer;
 pub(crate) use weights::fill_part;
 pub use weights::{load, transfer, weights_of};

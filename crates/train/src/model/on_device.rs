@@ -2,9 +2,7 @@
 
 use super::{Bases, BasisNet, VisionTransformer};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{
-    Basis, Encoder, FeatureMap, Forward, MORE_BLOCKS, Network, PATCH, in_patches,
-};
+use lsdc_core::network::{Basis, Encoder, FeatureMap, Forward, Network, PATCH, in_patches};
 use lsdc_core::{Error, Result, WeightsError};
 use std::sync::Arc;
 
@@ -27,27 +25,12 @@ pub enum AnyEncoder {
 
 impl OnDevice {
     /// A network whose weights are on that device, on top of an encoder if it was trained on one.
-    ///
-    /// # Errors
-    /// Adapters of the network that do not belong to the encoder.
-    pub fn new(net: BasisNet, encoder: Option<AnyEncoder>, device: &Device) -> Result<Self> {
-        let encoder = match (encoder, net.adapters()) {
-            (Some(AnyEncoder::Prepared(encoder)), Some(adapters)) => {
-                let adapted = encoder.with_adapters(adapters.config(), &adapters.tensors())?;
-                Some(AnyEncoder::Prepared(Arc::new(adapted)))
-            }
-            (Some(AnyEncoder::OnDevice(encoder)), Some(adapters))
-                if adapters.config().blocks > encoder.blocks() =>
-            {
-                return Err(WeightsError::Unsupported(MORE_BLOCKS).into());
-            }
-            (encoder, _) => encoder,
-        };
-        Ok(Self {
+    pub fn new(net: BasisNet, encoder: Option<AnyEncoder>, device: &Device) -> Self {
+        Self {
             net,
             encoder,
             device: device.clone(),
-        })
+        }
     }
 
     fn encoded(&self, image: &[f32], size: (usize, usize)) -> Result<Option<Tensor<4>>> {
@@ -63,7 +46,7 @@ impl OnDevice {
                 let (image, (rows, columns)) = in_patches(image, size)?;
                 let shape = [1, rows * PATCH, columns * PATCH, 3];
                 let image = Tensor::from_data(TensorData::new(image, shape), &self.device);
-                transformer.forward(image, self.net.adapters())
+                transformer.forward(image)
             }
         }))
     }

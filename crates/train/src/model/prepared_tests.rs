@@ -2,20 +2,15 @@
 
 use super::random_encoder::{random_encoder, random_tensors, short};
 use super::{
-    AnyEncoder, BasisNet, InitNetwork as _, OnDevice, VisionTransformer, encoded_tensor, load,
-    weights_of,
+    AnyEncoder, BasisNet, InitNetwork as _, OnDevice, VisionTransformer, encoded_tensor, weights_of,
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{ADAPTERS, CpuNetwork, Encoder, Forward, Network as _};
-use lsdc_core::network::{
-    AdapterConfig, EncoderConfig, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
-};
+use lsdc_core::network::{CpuNetwork, Encoder, Forward, Network as _};
+use lsdc_core::network::{ExtractorConfig, NetworkConfig, NormKind, StageConfig};
 use lsdc_core::weights::Normalisation;
-use lsdc_core::{Error, Weights, WeightsError};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
-use lsdc_weights::{Precision, to_bytes};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::sync::Arc;
@@ -109,8 +104,7 @@ impl Trained {
             self.net.clone(),
             self.encoder.clone().map(AnyEncoder::Prepared),
             &Device::flex(),
-        )
-        .unwrap();
+        );
         network.forward(&image(size.0, size.1), size).unwrap()
     }
 
@@ -311,131 +305,16 @@ fn a_network_without_its_encoder_is_refused() {
     assert!(error.to_string().contains("encoder"), "{error}");
 }
 
-/// A network of which adapters are a part, on an encoder whose last blocks they change.
-fn adapted() -> NetworkConfig {
-    NetworkConfig {
-        adapters: Some(AdapterConfig { blocks: 2, rank: 3 }),
-        ..NetworkConfig::anything()
-    }
-}
-
 #[test]
-fn a_network_with_adapters_agrees() {
-    let trained = Trained::filled(adapted());
-    trained.agrees(Level::here(), (57, 76), (57, 76));
-    trained.affinities_agree(Level::here(), (57, 76));
-    // Also where the encoder is on a device, and adapters are computed beside it.
-    let size = (57, 76);
-    let transformer = VisionTransformer::new(short(), &random_tensors(), &Device::flex()).unwrap();
+fn an_encoder_on_a_device_agrees() {
+    let trained = Trained::filled(NetworkConfig::anything());
+    let (size, device) = ((57, 76), Device::flex());
+    let transformer = VisionTransformer::new(short(), &random_tensors(), &device).unwrap();
     let transformer = AnyEncoder::OnDevice(Arc::new(transformer));
-    let network = OnDevice::new(trained.net.clone(), Some(transformer), &Device::flex()).unwrap();
-    let image = image(size.0, size.1);
+    let network = OnDevice::new(trained.net.clone(), Some(transformer), &device);
+    let forward = network.forward(&image(size.0, size.1), size).unwrap();
+    let prepared = trained.prepared(Level::here(), size);
     let places = [[3.0, 4.0], [60.5, 30.25]];
-    let found = network
-        .forward(&image, size)
-        .unwrap()
-        .basis()
-        .at(size, &places);
-    let reference = trained
-        .prepared(Level::here(), size)
-        .basis()
-        .at(size, &places);
-    assert!(difference(&found, &reference) < 1e-3);
-    let short = EncoderConfig {
-        blocks: 1,
-        taps: vec![0],
-        ..short()
-    };
-    let transformer = VisionTransformer::new(short, &random_tensors(), &Device::flex()).unwrap();
-    let transformer = AnyEncoder::OnDevice(Arc::new(transformer));
-    let refused = OnDevice::new(trained.net.clone(), Some(transformer), &Device::flex());
-    assert!(refused.unwrap_err().to_string().contains("more blocks"));
-    // They do change something.
-    let mut weights = weights_of(&trained.net, adapted(), Normalisation::default());
-    let without = NetworkConfig::anything();
-    weights
-        .tensors
-        .retain(|name, _| !name.starts_with(ADAPTERS));
-    let network = CpuNetwork::new(
-        &without,
-        &weights.tensors,
-        trained.encoder.clone(),
-        Level::here(),
-    )
-    .unwrap();
-    let other = network
-        .forward(&image, size)
-        .unwrap()
-        .basis()
-        .at(size, &places);
-    assert!(difference(&other, &reference) > 1e-2);
-}
-
-#[test]
-fn untrained_adapters_change_no_bit() {
-    let config = adapted();
-    let net = config.init(0, &Device::flex()).unwrap();
-    let weights = weights_of(&net, config.clone(), Normalisation::default());
-    let mut plain = weights.tensors.clone();
-    plain.retain(|name, _| !name.starts_with(ADAPTERS));
-    assert_eq!(plain.len() + 2 * 2 * 2, weights.tensors.len());
-    let (image, size) = (image(57, 76), (57, 76));
-    let values = |config: &NetworkConfig, tensors| {
-        let encoder = Some(random_encoder());
-        let network = CpuNetwork::new(config, tensors, encoder, Level::here()).unwrap();
-        let forward = network.forward(&image, size).unwrap();
-        (
-            forward.basis().at(size, &[[3.0, 4.0], [60.5, 30.25]]),
-            forward.affinities(),
-        )
-    };
-    let without = NetworkConfig::anything();
-    assert_eq!(values(&config, &weights.tensors), values(&without, &plain));
-}
-
-#[test]
-fn adapters_are_part_of_the_file() {
-    let trained = Trained::filled(adapted());
-    let weights = weights_of(&trained.net, adapted(), Normalisation::default());
-    let bytes = to_bytes(&weights, Precision::Single).unwrap();
-    let read = Weights::from_bytes(&bytes).unwrap();
-    assert_eq!(read.network, adapted());
-    assert_eq!(read.tensors, weights.tensors);
-    let loaded = load(&read, &Device::flex()).unwrap();
-    let again = weights_of(&loaded, adapted(), Normalisation::default());
-    assert_eq!(again.tensors, weights.tensors);
-
-    // Files without them are as they were before there were any.
-    let plain = NetworkConfig::anything();
-    let net = plain.init(0, &Device::flex()).unwrap();
-    let bytes = to_bytes(
-        &weights_of(&net, plain, Normalisation::default()),
-        Precision::Half,
-    );
-    let bytes = bytes.unwrap();
-    assert!(!bytes.windows(8).any(|part| part == b"adapters"));
-
-    // Damaged or of other sizes.
-    let name = "adapters.blocks.1.values.up.weight";
-    let refused = |weights: &Weights| {
-        let encoder = Some(random_encoder());
-        let prepared = CpuNetwork::new(&weights.network, &weights.tensors, encoder, Level::here());
-        let Err(Error::Weights(WeightsError::Tensor { name, reason })) = prepared else {
-            panic!("not refused");
-        };
-        assert!(load(weights, &Device::flex()).is_err());
-        format!("{name} {reason}")
-    };
-    let mut damaged = read.clone();
-    damaged.tensors.remove(name);
-    assert_eq!(refused(&damaged), format!("{name} is missing"));
-    let mut other = read.clone();
-    other.network.adapters = Some(AdapterConfig { blocks: 2, rank: 4 });
-    assert!(refused(&other).contains("expected [384, 4]"));
-    let mut fewer = read.clone();
-    fewer.network.adapters = Some(AdapterConfig { blocks: 1, rank: 3 });
-    assert!(refused(&fewer).contains("is superfluous"));
-    let mut none = read;
-    none.network.adapters = None;
-    assert!(refused(&none).contains("is superfluous"));
+    let at = |forward: &dyn Forward| forward.basis().at(size, &places);
+    assert!(difference(&at(&*forward), &at(&*prepared)) < 1e-3);
 }

@@ -3,7 +3,6 @@
 mod encoder;
 
 use encoder::encoder_on;
-pub use encoder::{adapted_blocks, first_adapted};
 
 use crate::device::Device;
 use crate::model::{OnDevice, load};
@@ -45,7 +44,7 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
 /// Weights that do not belong to their network.
 pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> {
     let encoder = encoder_on(&weights.network, device)?;
-    let network = OnDevice::new(load(weights, device)?, encoder, device)?;
+    let network = OnDevice::new(load(weights, device)?, encoder, device);
     Ok(Completer::builder(weights)
         .network(Arc::new(network))
         .build()?)

@@ -1,7 +1,7 @@
 //! Samples to tensors.
 
+use super::Sample;
 use super::images::image_tensor;
-use super::{EncoderOutput, Sample};
 use crate::model::encoded_tensor;
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
@@ -16,8 +16,6 @@ pub struct Batch {
     pub images: Tensor<4>,
     /// Features of a pretrained encoder, `[batch, rows, columns, channels]`.
     pub encoded: Option<Tensor<4>>,
-    /// The tokens that enter the first block of the encoder that is trained, `[batch, 1 + rows x columns, width]`.
-    pub tokens: Option<Tensor<3>>,
     /// Rows and columns of the images.
     pub size: (usize, usize),
     /// Pixels at which basis functions are needed, for each image.
@@ -57,13 +55,9 @@ impl Batch {
                 .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
         }
         let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
-        let outputs: Option<Vec<&EncoderOutput>> =
+        let features: Option<Vec<&FeatureMap>> =
             samples.iter().map(|s| s.encoded.as_ref()).collect();
-        let encoded = outputs.as_ref().map(|outputs| {
-            let features: Vec<&FeatureMap> =
-                outputs.iter().map(|output| &output.features).collect();
-            encoded_tensor(&features, device)
-        });
+        let encoded = features.map(|features| encoded_tensor(&features, device));
         let all = |of: fn(&Sample) -> &Vec<f32>| -> Vec<f32> {
             samples.iter().flat_map(|s| of(s).iter().copied()).collect()
         };
@@ -86,7 +80,6 @@ impl Batch {
             weights,
             images: image_tensor(&images, normalisation, device)?,
             encoded,
-            tokens: outputs.and_then(|outputs| tokens(&outputs, device)),
             size: (height, width),
             pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
             depths: tensor(all(|s| &s.depths), [samples.len(), pixels], device),
@@ -95,19 +88,6 @@ impl Batch {
             patch: first.patch,
         })
     }
-}
-
-/// The tokens that enter the first block that is trained, if each sample has them.
-fn tokens(outputs: &[&EncoderOutput], device: &Device) -> Option<Tensor<3>> {
-    let tokens: Vec<&[f32]> = outputs
-        .iter()
-        .map(|output| output.tokens.as_deref())
-        .collect::<Option<_>>()?;
-    let features = &outputs.first()?.features;
-    let count = 1 + features.rows * features.columns;
-    let values = tokens.concat();
-    let shape = [outputs.len(), count, values.len() / (outputs.len() * count)];
-    Some(tensor(values, shape, device))
 }
 
 fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {

@@ -14,7 +14,7 @@ mod patterns;
 pub use augment::AugmentConfig;
 pub use batch::Batch;
 pub use degradations::Degradation;
-pub use encoding::{EncoderOutput, Encoding};
+pub use encoding::Encoding;
 pub use f16_cache::F16Cache;
 pub use images::{image_tensor, image_values};
 pub use loader::{Loader, Sampler, SamplerConfig};

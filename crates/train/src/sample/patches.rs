@@ -1,8 +1,9 @@
 //! Which pixels of a frame take part in a training step.
 
+use super::PatternShares;
 use super::patterns::log_uniform;
-use super::{EncoderOutput, PatternShares};
 use image::RgbImage;
+use lsdc_core::network::FeatureMap;
 use lsdc_eval::data::{DepthMap, Frame};
 use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::{Error, Result};
@@ -67,7 +68,7 @@ pub struct Sample {
     /// The colour image.
     pub rgb: RgbImage,
     /// The output of a pretrained encoder, for networks trained on one.
-    pub encoded: Option<EncoderOutput>,
+    pub encoded: Option<FeatureMap>,
     /// Pixels `y * width + x`: first the candidate points, then the patches row by row.
     pub pixels: Vec<u32>,
     /// The depth of each candidate point in metres; 0 = none.

@@ -5,10 +5,10 @@ use super::calibrate;
 use super::learner::{FitObjective, Learner};
 use super::record::TrainingRecord;
 use super::run::{Subject, Trainer};
-use super::setup::{check_network, start_adapters, teacher_weights, with_backbone};
+use super::setup::{check_network, teacher_weights, with_backbone};
 use crate::device::Device;
 use crate::model::{AnyEncoder, BasisNet, InitNetwork as _, OnDevice, load, transfer, weights_of};
-use crate::predict::{adapted_blocks, completer, first_adapted};
+use crate::predict::completer;
 use crate::sample::Encoding;
 use burn::module::Module as _;
 use lsdc_core::fit::FitConfig;
@@ -70,10 +70,7 @@ impl Trainer<BasisFunctions> {
             (None, Some(weights)) => encoder_of(&weights.network)?,
             _ => bases.encoder.clone(),
         }
-        .map(|encoder| {
-            let encoding = Encoding::new(encoder, run.normalisation, config.features.clone());
-            encoding.tokens_before(first_adapted(&network))
-        });
+        .map(|encoder| Encoding::new(encoder, run.normalisation, config.features.clone()));
         run.sampler = run.sampler.encoded(encoding);
         Ok(run)
     }
@@ -87,9 +84,7 @@ impl BasisFunctions {
         let Some(path) = &run.config.start else {
             return Ok((net, 0));
         };
-        let start = open_weights(Some(path))?;
-        start_adapters(&start.network, &self.network)?;
-        transfer(&start, net)
+        transfer(&open_weights(Some(path))?, net)
     }
 }
 
@@ -114,9 +109,7 @@ impl Subject for BasisFunctions {
         }
         let teacher = self.teacher_weights.as_ref();
         let teacher = teacher.map(|weights| load(weights, run.device()));
-        Ok(Learner::new(net, &self.fit, &run.config)
-            .with_teacher(teacher.transpose()?)
-            .with_adapted_blocks(adapted_blocks(&self.network, device)?))
+        Ok(Learner::new(net, &self.fit, &run.config).with_teacher(teacher.transpose()?))
     }
 
     fn completes(&self, run: &Trainer<Self>, net: &BasisNet) -> Result<Box<dyn DepthCompleter>> {
@@ -125,7 +118,7 @@ impl Subject for BasisFunctions {
             net.valid(),
             self.encoder.clone().map(AnyEncoder::Prepared),
             run.device(),
-        )?;
+        );
         let completer = Completer::builder(&weights).network(Arc::new(network));
         Ok(Box::new(completer.fit(self.fit).build()?))
     }

@@ -8,8 +8,8 @@ use super::parallel::gradients;
 use super::scaled_rate::ScaledRate;
 use super::step::StepLosses;
 use super::{LossConfig, Losses, TeacherOutput, TrainConfig, losses};
+use crate::model::BasisNet;
 use crate::model::layers::FreezeStatistics;
-use crate::model::{BasisNet, LastBlocks};
 use crate::ops::Reweighting;
 use crate::sample::Batch;
 use burn::grad_clipping::GradientClippingConfig;
@@ -37,40 +37,15 @@ pub struct FitObjective {
     part: TrainedPart,
     /// The network of a teacher, which is compared with.
     teacher: Option<BasisNet>,
-    /// The blocks of the pretrained encoder that adapters change.
-    blocks: Option<LastBlocks>,
-}
-
-impl FitObjective {
-    /// A batch whose features are those of the encoder with the adapters of a network; nothing if it has none.
-    fn adapted(&self, net: &BasisNet, batch: &Batch) -> Result<Option<Batch>> {
-        let Some(adapters) = net.adapters() else {
-            return Ok(None);
-        };
-        let input = batch.encoded.clone().zip(batch.tokens.clone());
-        let blocks = self.blocks.as_ref();
-        let blocks = blocks.filter(|blocks| blocks.count() == adapters.config().blocks);
-        let (Some(blocks), Some((encoded, tokens))) = (blocks, input) else {
-            let what = "adapters are trained with the blocks that they change and what enters them";
-            return Err(Error::shape(what));
-        };
-        let blocks = blocks.clone().to_device(&batch.images.device());
-        Ok(Some(Batch {
-            encoded: Some(blocks.features(encoded, tokens, adapters)),
-            ..batch.clone()
-        }))
-    }
 }
 
 impl Objective<BasisNet> for FitObjective {
     fn losses(&self, net: &BasisNet, batch: &Batch) -> Result<Losses> {
-        let adapted = self.adapted(net, batch)?;
         let teacher = self.teacher.as_ref().map(|teacher| {
             let device = batch.images.device().inner();
             TeacherOutput::new(&teacher.clone().to_device(&device), batch, &self.loss)
         });
         let (teacher, fit, loss) = (teacher.as_ref(), &self.fit, &self.loss);
-        let batch = adapted.as_ref().unwrap_or(batch);
         Ok(match self.part {
             TrainedPart::All | TrainedPart::Bases => {
                 losses(net, batch, teacher, fit, self.robust, loss)
@@ -94,10 +69,8 @@ impl Learner {
     /// Starts with a network on an autodiff device, and the optimiser of `config`.
     pub fn new(net: BasisNet, fit: &FitConfig, config: &TrainConfig) -> Self {
         let net = match config.part {
-            TrainedPart::All => net,
-            // Basis functions read what adapters change.
-            // A map alone runs nothing that is not trained.
-            TrainedPart::Affinities | TrainedPart::Map => net.fix_adapters(),
+            // Affinities or a map alone run nothing that is not trained.
+            TrainedPart::All | TrainedPart::Affinities | TrainedPart::Map => net,
             TrainedPart::Bases => net.fix_affinities(),
         };
         let objective = FitObjective {
@@ -106,7 +79,6 @@ impl Learner {
             loss: config.loss,
             part: config.part,
             teacher: None,
-            blocks: None,
         };
         Self::with(net, objective, config)
     }
@@ -116,13 +88,6 @@ impl Learner {
     #[must_use]
     pub fn with_teacher(mut self, teacher: Option<BasisNet>) -> Self {
         self.objective.teacher = teacher;
-        self
-    }
-
-    /// Gives adapters the blocks of the pretrained encoder that they change, on an autodiff device.
-    #[must_use]
-    pub fn with_adapted_blocks(mut self, blocks: Option<LastBlocks>) -> Self {
-        self.objective.blocks = blocks;
         self
     }
 }
@@ -224,17 +189,15 @@ fn descent<M: Module>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::random_encoder::{random_tensors, short};
     use crate::model::{InitNetwork as _, weights_of};
     use crate::sample::{AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
-    use burn::tensor::{Device, Tensor, TensorData};
+    use burn::tensor::Device;
     use lsdc_core::fit::FitMethod;
-    use lsdc_core::network::{AdapterConfig, BackboneConfig, ExtractorConfig, NetworkConfig};
+    use lsdc_core::network::{BackboneConfig, ExtractorConfig, NetworkConfig};
     use lsdc_core::weights::Normalisation;
     use lsdc_core::weights::Tensor as Table;
     use lsdc_eval::data::{Rooms, RoomsConfig, Split};
     use lsdc_eval::sampling::Protocol;
-    use lsdc_rng::Rng;
     use std::collections::BTreeMap;
     use std::sync::Arc;
 
@@ -391,70 +354,5 @@ mod tests {
             moved += usize::from(most > 0.0);
         }
         assert!(moved > 10, "{moved}");
-    }
-
-    #[test]
-    fn adapters_learn_with_the_basis_functions() {
-        let device = Device::flex().autodiff();
-        let mut network = network();
-        network.extractor.encoder = 16;
-        network.adapters = Some(AdapterConfig { blocks: 2, rank: 3 });
-        let blocks = LastBlocks::new(&short(), 2, &random_tensors(), &device).unwrap();
-        let mut rng = Rng::stream(0, &["said"]);
-        let mut normal = |shape: [usize; 3]| {
-            let values: Vec<f32> = (0..shape.iter().product()).map(|_| rng.normal()).collect();
-            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
-        };
-        let (width, channels) = (short().width, short().channels());
-        let batch = Batch {
-            encoded: Some(normal([2, 12, channels]).reshape([2, 3, 4, channels])),
-            tokens: Some(normal([2, 13, width])),
-            ..batch(&device)
-        };
-        for part in [
-            TrainedPart::All,
-            TrainedPart::Bases,
-            TrainedPart::Affinities,
-        ] {
-            let net = network.init(0, &device).unwrap();
-            let before = tensors(&net, &network);
-            let learner =
-                Learner::new(net, &fit(), &config(part)).with_adapted_blocks(Some(blocks.clone()));
-            let (learner, _) = learner.step(std::slice::from_ref(&batch), 1e-2, 1).unwrap();
-            let after = tensors(learner.net(), &network);
-            // The others move once these are not 0 any more.
-            let second = before
-                .keys()
-                .filter(|name| name.starts_with("adapters.") && name.contains(".up."));
-            let mut count = 0;
-            for name in second {
-                assert_eq!(
-                    after[name] == before[name],
-                    part == TrainedPart::Affinities,
-                    "{name}"
-                );
-                count += 1;
-            }
-            assert_eq!(count, 4);
-        }
-        // Without what they change, nothing is trained as if there were none.
-        let learner = || {
-            Learner::new(
-                network.init(0, &device).unwrap(),
-                &fit(),
-                &config(TrainedPart::All),
-            )
-        };
-        assert!(
-            learner()
-                .step(std::slice::from_ref(&batch), 1e-2, 1)
-                .is_err()
-        );
-        let without = Batch {
-            tokens: None,
-            ..batch
-        };
-        let learner = learner().with_adapted_blocks(Some(blocks));
-        assert!(learner.step(&[without], 1e-2, 1).is_err());
     }
 }

@@ -88,7 +88,6 @@ mod tests {
         Batch {
             images: Tensor::from_data(colours, device),
             encoded: None,
-            tokens: None,
             size: SIZE,
             pixels: vec![(0..PIXELS as u32).collect(); count],
             measured: Tensor::from_data(TensorData::new(depths.clone(), [count, PIXELS]), device),

@@ -7,7 +7,7 @@ use super::{BackboneTraining, TrainConfig, TrainedPart};
 use crate::model::{BasisNet, fill_part};
 use crate::sample::{Order, Sampler, SamplerConfig};
 use lsdc_core::Weights;
-use lsdc_core::network::{AdapterConfig, NetworkConfig};
+use lsdc_core::network::NetworkConfig;
 use lsdc_core::weights::Normalisation;
 use lsdc_eval::data::{Dataset, Mixture};
 use lsdc_eval::sampling::Protocol;
@@ -28,12 +28,6 @@ pub(super) fn teacher_weights(
         return Ok(None);
     };
     let weights = open_weights(Some(&teacher.weights))?;
-    if weights.network.adapters.is_some() {
-        return Err(Error::config(
-            "the network of a teacher with adapters cannot be compared with: it reads other features",
-        )
-        .hint("take a teacher without, or set the losses of a teacher's network to 0"));
-    }
     let Normalisation { input, .. } = weights.normalisation;
     if weights.normalisation == *normalisation {
         return Ok(Some(weights));
@@ -43,23 +37,6 @@ pub(super) fn teacher_weights(
         input[0], input[1], normalisation.input[0], normalisation.input[1]
     ))
     .hint("set `train.protocol` to the size of the teacher, or the losses of a teacher's network to 0"))
-}
-
-/// Whether a network can start from weights: adapters belong to what was trained with them.
-pub(super) fn start_adapters(start: &NetworkConfig, network: &NetworkConfig) -> Result<()> {
-    let Some(adapters) = start.adapters else {
-        return Ok(());
-    };
-    if network.adapters == start.adapters {
-        return Ok(());
-    }
-    let AdapterConfig { blocks, rank } = adapters;
-    Err(Error::config(
-        "the start weights were trained with other adapters of their encoder than are trained now",
-    )
-    .hint(format!(
-        "set `adapters = {{ blocks = {blocks}, rank = {rank} }}`"
-    )))
 }
 
 /// Whether a network has what `config` trains.

@@ -18,7 +18,6 @@ export interface FitOptions {
   readonly fit?: "joint" | "lse" | "field" | null;
   readonly robust?: "none" | "auto" | "huber" | "cauchy" | "gm" | "tukey" | "irls" | null;
   readonly prior?: "learned" | "flat" | "none" | null;
-  readonly space?: "depth" | "log" | "inverse" | null;
   /** Standard deviation in metres of points without their own. */
   readonly sigma?: number | null;
   /** Noise of a depth camera, for points without a standard deviation of their own: "kinect", "realsense", "tof", or "A,B,C". */

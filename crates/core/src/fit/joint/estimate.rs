@@ -353,13 +353,7 @@ impl FieldEstimator<'_> {
         values: &mut [f64],
     ) -> usize {
         let (grid, size) = (self.geometry.affinities.size(), self.geometry.size);
-        let Some(holes) = Holes::new(
-            &merged.interpolation,
-            &merged.depths,
-            grid,
-            size.0,
-            rows.scale,
-        ) else {
+        let Some(holes) = Holes::new(&merged.interpolation, &merged.depths, grid, size.0) else {
             return 0;
         };
         let place = |&pixel: &u32| {

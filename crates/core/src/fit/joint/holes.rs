@@ -7,7 +7,6 @@
 //! basis functions that the surroundings contradict so clearly are outliers, and leave the field of the depths alone.
 
 use crate::bilinear::InterpolationWeights;
-use crate::fit::space::DepthScale;
 use rayon::prelude::*;
 
 /// The share of the pixels that are observed, from which on the rest is holes.
@@ -30,19 +29,18 @@ pub(super) struct Holes {
 }
 
 impl Holes {
-    /// The holes among observations with these values on a grid of `size` (height, width), in an image of the height `high`;
+    /// The holes among observations with these depths on a grid of `size` (height, width), in an image of the height `high`;
     /// `None` if observations are sparse.
     pub(super) fn new(
         interpolation: &[InterpolationWeights],
-        values: &[f64],
+        depths: &[f64],
         size: (usize, usize),
         high: usize,
-        scale: DepthScale,
     ) -> Option<Self> {
         let (height, width) = size;
         let mut known = vec![f64::NAN; height * width];
-        for (interpolation, &value) in interpolation.iter().zip(values) {
-            known[interpolation.nearest() as usize] = scale.depth(value);
+        for (interpolation, &depth) in interpolation.iter().zip(depths) {
+            known[interpolation.nearest() as usize] = depth;
         }
         let empty = known.iter().filter(|depth| depth.is_nan()).count();
         if empty == 0 || ((known.len() - empty) as f64) < DENSE * known.len() as f64 {
@@ -53,7 +51,8 @@ impl Holes {
         let ranges = ranges(&known, &labels, &holes, size, reach);
         let bounds = holes.iter().zip(ranges).map(|(hole, [low, high])| {
             let margin = if hole.open { OPEN } else { ENCLOSED };
-            let [one, other] = [low / margin, high * margin].map(|depth| scale.of(depth));
+            // Without depths around, from 0 to infinity.
+            let [one, other] = [low / margin, high * margin];
             [one.min(other), one.max(other)]
         });
         let bounds = bounds.collect();
@@ -194,7 +193,6 @@ fn ranges(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::Space;
 
     const SIZE: (usize, usize) = (40, 50);
 
@@ -208,8 +206,7 @@ mod tests {
             .collect();
         let depth = |&i: &usize| if i % SIZE.1 < 25 { 2.0 } else { 3.0 };
         let depths: Vec<f64> = pixels.iter().map(depth).collect();
-        let scale = DepthScale::of_points(Space::Depth, &[2.0, 3.0]);
-        Holes::new(&interpolation, &depths, SIZE, SIZE.0, scale)
+        Holes::new(&interpolation, &depths, SIZE, SIZE.0)
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::merged_observations::MergedObservations;
 use super::smoothness::Smoothness;
 use crate::fit::{
     Affinities, BasisValues, CosineBasis, FieldGeometry, Fit, FitConfig, FitMethod, FitPoints,
-    JointConfig, Lambda, Loss, NoisePrior, Prior, PriorKind, Robust, Space, fit,
+    JointConfig, Lambda, Loss, NoisePrior, Prior, PriorKind, Robust, fit,
 };
 use crate::upsampling::Upsampling;
 use faer::linalg::solvers::Solve as _;
@@ -901,7 +901,7 @@ fn points_of_a_larger_image_have_step_terms() {
         places: Some(&example.places),
         ..FitPoints::new(&example.bases, &example.depths)
     };
-    let rows = points.rows(Space::Depth).unwrap();
+    let rows = points.rows().unwrap();
     let joint = JointConfig {
         diagonal_regularisation: 1e-2,
         ..JointConfig::default()

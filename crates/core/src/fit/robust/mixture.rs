@@ -26,8 +26,6 @@ pub(super) struct TestedPoints {
     pub(super) places: Option<Vec<[f64; 2]>>,
     /// The unit of relative errors.
     pub(super) unit: f64,
-    /// Whether the errors of inliers grow with their values.
-    pub(super) proportional: bool,
 }
 
 /// How each point is predicted from the others.
@@ -352,13 +350,8 @@ impl TestedPoints {
     fn spreads(&self, predictions: &Predictions) -> Vec<f64> {
         /// In units, for implausible predictions.
         const LOWEST: f64 = 0.1;
-        let relative = |i: usize| {
-            if self.proportional {
-                ((self.values[i] - predictions.errors[i]) / self.unit).max(LOWEST)
-            } else {
-                1.0
-            }
-        };
+        let relative =
+            |i: usize| ((self.values[i] - predictions.errors[i]) / self.unit).max(LOWEST);
         let spread = |i: usize| (predictions.variances[i] + self.noise[i]).sqrt() * relative(i);
         (0..self.values.len()).into_par_iter().map(spread).collect()
     }

@@ -80,8 +80,7 @@ pub struct Robust {
     pub neighbours: usize,
     /// The largest number of solves after the first.
     pub iterations: usize,
-    /// Stops when no residual changes by more than this fraction of the largest depth (in the space of the
-    /// fit).
+    /// Stops when no residual changes by more than this fraction of the largest depth.
     pub tolerance: f64,
 }
 

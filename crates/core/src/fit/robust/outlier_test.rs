@@ -229,6 +229,5 @@ fn tested_points(rows: &FitRows<'_>, which: &[usize], observation_precision: f64
             .places
             .map(|places| which.iter().map(|&i| places[i]).collect()),
         unit: rows.unit(),
-        proportional: rows.is_proportional(),
     }
 }

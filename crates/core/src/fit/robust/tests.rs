@@ -43,7 +43,6 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
         noise: vec![1e-6; COUNT],
         places: None,
         unit: 5.0,
-        proportional: false,
     };
     let found = test_outliers(
         &points,
@@ -97,7 +96,6 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
         noise: vec![1e-6; 400],
         places: Some(places),
         unit: 3.0,
-        proportional: true,
     };
     let known = |variance: f64| {
         Known(Predictions {

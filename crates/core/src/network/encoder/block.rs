@@ -6,7 +6,6 @@ use crate::network::tensors::Tensors;
 use lsdc_kernels::attention::{attention, gelu, layer_norm};
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// Tokens of one task, for an even number of tasks of at most 84 tokens.
 pub(super) fn tokens_per_task(tokens: usize) -> usize {
@@ -14,20 +13,19 @@ pub(super) fn tokens_per_task(tokens: usize) -> usize {
     tokens.div_ceil(2 * tokens.div_ceil(2 * MOST).max(1)).max(1)
 }
 
-/// Clones share the weights.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Block {
     level: Level,
     width: usize,
     heads: usize,
     /// Gain and shift of the normalisation before attention, and before the perceptron.
     norms: [(Vec<f32>, Vec<f32>); 2],
-    queries_keys_values: Arc<Packed>,
+    queries_keys_values: Packed,
     /// The projection of the outputs of all heads, with the scale of the layer, as in `second`.
-    projection: Arc<Packed>,
+    projection: Packed,
     /// The layers of the perceptron.
-    first: Arc<Packed>,
-    second: Arc<Packed>,
+    first: Packed,
+    second: Packed,
 }
 
 impl Block {
@@ -52,8 +50,7 @@ impl Block {
             };
             let bias: Vec<f32> = bias.iter().zip(&scales).map(|(b, s)| b * s).collect();
             let at = |row: usize, column: usize| weights[column * depth + row] * scales[column];
-            let packed = Packed::new(tensors.level, (depth, columns), &bias, at);
-            Ok::<_, WeightsError>(Arc::new(packed))
+            Ok::<_, WeightsError>(Packed::new(tensors.level, (depth, columns), &bias, at))
         };
         Ok(Self {
             level: tensors.level,
@@ -65,15 +62,6 @@ impl Block {
             first: linear("mlp.fc1", (width, hidden), None)?,
             second: linear("mlp.fc2", (hidden, width), Some("ls2.gamma"))?,
         })
-    }
-
-    /// The block with `change(input, output)` added to the weights of queries, keys and values, which lie side by side.
-    /// All other weights are shared.
-    pub(super) fn plus(&self, change: impl Fn(usize, usize) -> f32) -> Self {
-        Self {
-            queries_keys_values: Arc::new(self.queries_keys_values.plus(change)),
-            ..self.clone()
-        }
     }
 
     /// Attention between the tokens, head by head; `rows` are for queries, keys and values.

@@ -3,6 +3,7 @@ use super::tests::tiny;
 use super::*;
 use crate::{Channels, DepthAnything, GuideKind, Image};
 use serde::Deserialize;
+use std::sync::Arc;
 
 /// What other programs predict (`scripts/golden_encoder.py`).
 #[derive(Deserialize)]

@@ -66,18 +66,4 @@ impl Encoder {
             values,
         })
     }
-
-    /// The tokens that enter a block, `[1 + rows x columns, width]`, of an image as [`Encoder::encode`] takes it.
-    ///
-    /// # Errors
-    /// As [`Encoder::encode`], and a block that the encoder does not have.
-    pub fn encode_before(
-        &self,
-        image: &[f32],
-        size: (usize, usize),
-        block: usize,
-    ) -> Result<Vec<f32>> {
-        let (image, (rows, columns)) = in_patches(image, size)?;
-        Ok(self.tokens_before(&image, (rows * PATCH, columns * PATCH), block)?)
-    }
 }

@@ -4,7 +4,6 @@
 //! An image is cut into patches; each becomes a token, beside the class token. Every block adds attention to
 //! the tokens, then a multilayer perceptron. The tokens after some of the blocks, normalised, are the features.
 
-mod adapters;
 mod block;
 mod config;
 mod depth_head;
@@ -16,7 +15,6 @@ mod position;
 use super::tensors::Tensors;
 use crate::error::{Error, FitError};
 use crate::tensor::Tensor;
-pub use adapters::{ADAPTERS, MORE_BLOCKS};
 use block::{Block, tokens_per_task};
 pub use config::{EncoderConfig, LAYER_EPSILON, PATCH};
 pub use depth_head::{DEPTH_HEAD, DepthHead};
@@ -26,21 +24,20 @@ use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 pub use position::positions;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
-/// An encoder, prepared for one instruction set. Clones share weights and memory.
-#[derive(Clone, Debug)]
+/// An encoder, prepared for one instruction set.
+#[derive(Debug)]
 pub struct Encoder {
     config: EncoderConfig,
     level: Level,
-    patch_embedding: Arc<Packed>,
+    patch_embedding: Packed,
     class_token: Vec<f32>,
     /// `[side x side, width]`, and before it that of the class token.
-    positions: Arc<[f32]>,
+    positions: Vec<f32>,
     blocks: Vec<Block>,
     /// Gain and shift of the last normalisation.
     norm: (Vec<f32>, Vec<f32>),
-    scratch: Arc<Scratch>,
+    scratch: Scratch,
 }
 
 /// The features of an image: for each tap `[rows, columns, width]`.
@@ -95,16 +92,16 @@ impl Encoder {
         let count = 1 + config.side * config.side;
         let encoder = Self {
             level,
-            patch_embedding: Arc::new(Packed::new(level, (depth, width), bias, |row, column| {
+            patch_embedding: Packed::new(level, (depth, width), bias, |row, column| {
                 // Rows are (y, x, channel), as images are stored.
                 let (pixel, channel) = (row / 3, row % 3);
                 kernel[(column * 3 + channel) * PATCH * PATCH + pixel]
-            })),
+            }),
             class_token: tensors.values("cls_token", &[1, 1, width])?.to_vec(),
-            positions: tensors.values("pos_embed", &[1, count, width])?.into(),
+            positions: tensors.values("pos_embed", &[1, count, width])?.to_vec(),
             blocks: blocks.collect::<Result<_, _>>()?,
             norm: (values("norm.weight")?, values("norm.bias")?),
-            scratch: Arc::default(),
+            scratch: Scratch::default(),
             config,
         };
         // It replaces masked patches in training.
@@ -127,8 +124,14 @@ impl Encoder {
         let channels = self.config.width;
         // On a thread of the pool, which need not be awaited for each step.
         Ok(rayon::scope(|_| {
+            let mut tokens = self.tokens(image, (rows, columns));
+            let mut queries_keys_values = vec![0.0; 3 * tokens.len()];
+            let mut attended = vec![0.0; tokens.len()];
+            let scratch = &self.scratch;
             let mut taps = Vec::new();
-            self.run_blocks(image, (rows, columns), self.config.blocks, |i, tokens| {
+            for (i, block) in self.blocks.iter().enumerate() {
+                block.attend(&tokens, &mut queries_keys_values, &mut attended, scratch);
+                block.transform(&attended, &mut tokens, scratch);
                 if self.config.taps.contains(&i) {
                     let mut tap = vec![0.0; tokens.len() - channels];
                     let norm = (&self.norm.0[..], &self.norm.1[..]);
@@ -140,7 +143,7 @@ impl Encoder {
                         .for_each(|(tap, x)| layer_norm(self.level, x, norm, LAYER_EPSILON, tap));
                     taps.push(tap);
                 }
-            });
+            }
             Features {
                 columns,
                 rows,
@@ -152,47 +155,6 @@ impl Encoder {
     /// Frees the memory that is kept for further images.
     pub fn release(&self) {
         self.scratch.clear();
-    }
-
-    /// The tokens of a normalised image that enter a block, `[1 + rows x columns, width]`, the class token first.
-    ///
-    /// # Errors
-    /// As [`Encoder::features`], and a block that the encoder does not have.
-    pub fn tokens_before(
-        &self,
-        image: &[f32],
-        size: (usize, usize),
-        block: usize,
-    ) -> Result<Vec<f32>, FitError> {
-        let size = patches_of(image, size)?;
-        if block >= self.config.blocks {
-            let blocks = self.config.blocks;
-            let what = format!("an encoder of {blocks} blocks has no block {block}");
-            return Err(FitError::Shape(what));
-        }
-        Ok(rayon::scope(|_| {
-            self.run_blocks(image, size, block, |_, _| ())
-        }))
-    }
-
-    /// The tokens after the first `count` blocks; `visit` gets those after every block.
-    fn run_blocks(
-        &self,
-        image: &[f32],
-        size: (usize, usize),
-        count: usize,
-        mut visit: impl FnMut(usize, &[f32]),
-    ) -> Vec<f32> {
-        let mut tokens = self.tokens(image, size);
-        let mut queries_keys_values = vec![0.0; 3 * tokens.len()];
-        let mut attended = vec![0.0; tokens.len()];
-        let scratch = &*self.scratch;
-        for (i, block) in self.blocks.iter().take(count).enumerate() {
-            block.attend(&tokens, &mut queries_keys_values, &mut attended, scratch);
-            block.transform(&attended, &mut tokens, scratch);
-            visit(i, &tokens);
-        }
-        tokens
     }
 
     /// The tokens of the image and of its patches, with their positions.

@@ -3,7 +3,6 @@ pub(super) mod depth_anything;
 
 use super::*;
 use crate::DepthAnything;
-use crate::network::AdapterConfig;
 use depth_anything::{encoder_weights, sines, sizes};
 use serde::Deserialize;
 
@@ -106,121 +105,6 @@ fn what_is_no_image_or_no_encoder_is_refused() {
     assert!(refused(&|_, tensors| drop(
         tensors.insert("more".into(), sines(0, &[1], 1.0, 0.0))
     )));
-}
-
-const LAST_TWO: AdapterConfig = AdapterConfig { blocks: 2, rank: 3 };
-
-/// Adapters of the last two blocks; `scale` is that of the second matrices.
-fn adapters(scale: f64) -> BTreeMap<String, Tensor> {
-    let mut all = BTreeMap::new();
-    for block in 0..LAST_TWO.blocks {
-        for part in ["queries", "values"] {
-            let name = |matrix: &str| format!("adapters.blocks.{block}.{part}.{matrix}.weight");
-            let (down, up) = (200 + all.len(), 300 + all.len());
-            all.insert(name("down"), sines(down, &[16, 3], 0.3, 0.0));
-            all.insert(name("up"), sines(up, &[3, 16], scale, 0.0));
-        }
-    }
-    all
-}
-
-#[test]
-fn adapters_of_zero_change_no_bit() {
-    let plain = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
-    let adapted = plain.with_adapters(LAST_TWO, &adapters(0.0)).unwrap();
-    let taps = |encoder: &Encoder| encoder.features(&image(56, 70), (56, 70)).unwrap().taps;
-    let changed = plain.with_adapters(LAST_TWO, &adapters(0.4)).unwrap();
-    assert_eq!(taps(&adapted), taps(&plain));
-    // The first tap is before them.
-    assert_eq!(taps(&changed)[0], taps(&plain)[0]);
-    assert_ne!(taps(&changed)[1], taps(&plain)[1]);
-}
-
-#[test]
-fn adapters_are_added_to_the_weights_of_queries_and_values() {
-    let (width, adapters) = (16, adapters(0.4));
-    let mut all = weights();
-    for block in 0..LAST_TWO.blocks {
-        let name = format!("blocks.{}.attn.qkv.weight", 1 + block);
-        let mut values = all[&name].values().to_vec();
-        for (first, part) in [(0, "queries"), (2 * width, "values")] {
-            let matrix = |matrix: &str| {
-                adapters[&format!("adapters.blocks.{block}.{part}.{matrix}.weight")].values()
-            };
-            let (down, up) = (matrix("down"), matrix("up"));
-            for (output, input) in (0..width).flat_map(|o| (0..width).map(move |i| (o, i))) {
-                // Stored with the outputs first.
-                let terms = (0..3).map(|k| down[input * 3 + k] * up[k * width + output]);
-                values[(first + output) * width + input] += terms.sum::<f32>() / 3.0;
-            }
-        }
-        all.insert(name, Tensor::new(vec![3 * width, width], values).unwrap());
-    }
-    for level in Level::available() {
-        let changed = Encoder::new(tiny(), &all, level).unwrap();
-        let plain = Encoder::new(tiny(), &weights(), level).unwrap();
-        let adapted = plain.with_adapters(LAST_TWO, &adapters).unwrap();
-        let taps = |encoder: &Encoder| encoder.features(&image(42, 56), (42, 56)).unwrap().taps;
-        for (found, exact) in taps(&adapted).iter().zip(taps(&changed)) {
-            for (found, exact) in found.iter().zip(exact) {
-                assert!((found - exact).abs() < 2e-5, "{found} {exact}");
-            }
-        }
-    }
-}
-
-#[test]
-fn adapters_that_do_not_belong_are_refused() {
-    let plain = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
-    let name = "adapters.blocks.1.values.up.weight";
-    let refused = |config: AdapterConfig, tensors: &BTreeMap<String, Tensor>| {
-        let Err(Error::Weights(error)) = plain.with_adapters(config, tensors) else {
-            panic!("{config:?} is not refused");
-        };
-        error.to_string()
-    };
-    let mut tensors = adapters(0.4);
-    let more = AdapterConfig {
-        blocks: 4,
-        ..LAST_TWO
-    };
-    assert!(refused(more, &tensors).contains("more blocks"));
-    let higher = AdapterConfig {
-        rank: 4,
-        ..LAST_TWO
-    };
-    assert!(refused(higher, &tensors).contains("has shape [16, 3], expected [16, 4]"));
-    tensors.insert(name.into(), sines(0, &[3, 15], 0.4, 0.0));
-    assert!(refused(LAST_TWO, &tensors).contains(name));
-    tensors.remove(name);
-    let message = refused(LAST_TWO, &tensors);
-    assert!(
-        message.contains(name) && message.contains("is missing"),
-        "{message}"
-    );
-}
-
-#[test]
-fn tokens_enter_a_block_as_the_one_before_leaves_them() {
-    let size = (42, 56);
-    let encoder = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
-    let tokens = encoder.tokens_before(&image(42, 56), size, 1).unwrap();
-    assert_eq!(tokens.len(), (1 + 3 * 4) * 16);
-    // The first tap is what the first block leaves, normalised, without the token of the whole image.
-    let tap = &encoder.features(&image(42, 56), size).unwrap().taps[0];
-    let all = weights();
-    let (gain, shift) = (&all["norm.weight"], &all["norm.bias"]);
-    for (token, tap) in tokens[16..].chunks(16).zip(tap.chunks(16)) {
-        let mean = token.iter().sum::<f32>() / 16.0;
-        let variance = token.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / 16.0;
-        for (i, (value, found)) in token.iter().zip(tap).enumerate() {
-            let unit = (value - mean) / (variance + LAYER_EPSILON).sqrt();
-            let exact = unit * gain.values()[i] + shift.values()[i];
-            assert!((found - exact).abs() < 2e-5, "{found} {exact}");
-        }
-    }
-    assert!(encoder.tokens_before(&image(42, 56), size, 3).is_err());
-    assert!(encoder.tokens_before(&image(42, 56), (42, 55), 1).is_err());
 }
 
 #[test]

@@ -4,11 +4,8 @@ mod blocks;
 #[cfg(test)]
 mod tests;
 
-pub use blocks::LastBlocks;
-
-use super::adapters::Adapters;
-use blocks::{Affine, TensorSource};
-use burn::tensor::{Device, Tensor, TensorData};
+use blocks::{Affine, Block, Norm, TensorSource};
+use burn::tensor::{Device, Tensor, TensorData, s};
 use lsdc_core::WeightsError;
 use lsdc_core::network::{EncoderConfig, PATCH, positions};
 use lsdc_core::weights::Tensor as Table;
@@ -22,7 +19,9 @@ pub struct VisionTransformer {
     class_token: Tensor<3>,
     /// `[1 + side x side, width]`; interpolated on the host.
     positions: Vec<f32>,
-    blocks: LastBlocks,
+    blocks: Vec<Block>,
+    /// The normalisation of features.
+    norm: Norm,
 }
 
 impl VisionTransformer {
@@ -38,6 +37,7 @@ impl VisionTransformer {
         let source = TensorSource { tensors, device };
         let width = config.width;
         let count = 1 + config.side * config.side;
+        let blocks = (0..config.blocks).map(|index| Block::new(&config, index, &source));
         Ok(Self {
             patches: source.affine(
                 "patch_embed.proj",
@@ -49,14 +49,15 @@ impl VisionTransformer {
                 source.tensor(values, [1, 1, width])
             },
             positions: source.values("pos_embed", &[1, count, width])?.to_vec(),
-            blocks: LastBlocks::new(&config, config.blocks, tensors, device)?,
+            blocks: blocks.collect::<Result<_, _>>()?,
+            norm: source.norm("norm", width)?,
             config,
         })
     }
 
     /// The features of normalised images `[images, height, width, 3]`, whose sides are multiples of [`PATCH`]: those
-    /// of all taps side by side, `[images, rows, columns, channels]`; with adapters if they are given.
-    pub fn forward(&self, images: Tensor<4>, adapters: Option<&Adapters>) -> Tensor<4> {
+    /// of all taps side by side, `[images, rows, columns, channels]`.
+    pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
         let [count, height, width, _] = images.dims();
         let (rows, columns) = (height / PATCH, width / PATCH);
         let cut: Tensor<6> = images.reshape([count, rows, PATCH, columns, PATCH, 3]);
@@ -65,14 +66,16 @@ impl VisionTransformer {
                 .reshape([count, rows * columns, 3 * PATCH * PATCH]);
         let class_token = self.class_token.clone().repeat_dim(0, count);
         let tokens = Tensor::cat(vec![class_token, self.patches.forward(patches)], 1);
-        let tokens = tokens + self.places((rows, columns));
-        let features = Tensor::cat(self.blocks.forward(tokens, adapters), 2);
+        let mut tokens = tokens + self.places((rows, columns));
+        let mut taps = Vec::new();
+        for (index, block) in self.blocks.iter().enumerate() {
+            tokens = block.forward(tokens, self.config.heads);
+            if self.config.taps.contains(&index) {
+                taps.push(self.norm.forward(tokens.clone().slice(s![.., 1..])));
+            }
+        }
+        let features: Tensor<3> = Tensor::cat(taps, 2);
         features.reshape([count, rows, columns, self.config.channels()])
-    }
-
-    /// The number of blocks.
-    pub(super) fn blocks(&self) -> usize {
-        self.blocks.count()
     }
 
     /// The positions of all tokens.
