@@ -2,6 +2,14 @@
 
 pub use burn::tensor::Device;
 use lsdc_files::error::{Error, Result};
+#[cfg(feature = "wgpu")]
+use lsdc_gpu::Adapter;
+#[cfg(feature = "wgpu")]
+pub use lsdc_gpu::{Gpu, Part, Traffic};
+#[cfg(feature = "wgpu")]
+use std::collections::BTreeMap;
+#[cfg(feature = "wgpu")]
+use std::sync::{Mutex, PoisonError};
 
 /// The names that `device` understands in this build.
 pub fn names() -> Vec<&'static str> {
@@ -59,27 +67,56 @@ fn ndarray() -> Device {
     Device::ndarray()
 }
 
+/// A GPU as burn opened it, and as [`gpu`] does.
+#[cfg(feature = "wgpu")]
+struct Opened {
+    device: Device,
+    adapter: Adapter,
+    gpu: Option<Gpu>,
+}
+
+/// By name. A process opens a device once; burn refuses a second time.
+#[cfg(feature = "wgpu")]
+static OPENED: Mutex<BTreeMap<String, Opened>> = Mutex::new(BTreeMap::new());
+
+/// The GPU that networks prepared for inference run on, of a device; nothing if it is none.
+///
+/// # Errors
+/// A GPU that cannot be opened a second time.
+#[cfg(feature = "wgpu")]
+pub fn gpu(device: &Device) -> Result<Option<Gpu>> {
+    let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(opened) = opened.values_mut().find(|known| known.device == *device) else {
+        return Ok(None);
+    };
+    if opened.gpu.is_none() {
+        let gpu = Gpu::open(opened.adapter);
+        let failed = |error| Error::device("the GPU cannot be opened for inference").because(error);
+        opened.gpu = Some(gpu.map_err(failed)?);
+    }
+    Ok(opened.gpu.clone())
+}
+
 #[cfg(feature = "wgpu")]
 fn wgpu(name: &str, which: &str) -> Result<Device> {
     use burn::tensor::DeviceKind;
-    use std::collections::BTreeMap;
-    use std::sync::{Mutex, PoisonError};
 
-    /// A process opens a device once; burn refuses a second time.
-    static OPENED: Mutex<BTreeMap<String, Device>> = Mutex::new(BTreeMap::new());
-
-    let kind = match which {
-        "" => DeviceKind::DefaultDevice,
-        "integrated" => DeviceKind::IntegratedGpu(0),
-        "software" => DeviceKind::Cpu,
-        number => DeviceKind::DiscreteGpu(number.parse().map_err(|_| {
-            Error::device(format!("unknown device `{name}`"))
-                .hint(format!("devices of this build: {}", names().join(", ")))
-        })?),
+    let unknown = || {
+        Error::device(format!("unknown device `{name}`"))
+            .hint(format!("devices of this build: {}", names().join(", ")))
+    };
+    let (kind, adapter) = match which {
+        "" => (DeviceKind::DefaultDevice, Adapter::Best),
+        "integrated" => (DeviceKind::IntegratedGpu(0), Adapter::Integrated),
+        "software" => (DeviceKind::Cpu, Adapter::Software),
+        number => {
+            let number = number.parse().map_err(|_| unknown())?;
+            (DeviceKind::DiscreteGpu(number), Adapter::Discrete(number))
+        }
     };
     let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(device) = opened.get(name) {
-        return Ok(device.clone());
+    if let Some(known) = opened.get(name) {
+        return Ok(known.device.clone());
     }
     let device = Device::wgpu_options()
         .device_kind(kind)
@@ -89,7 +126,12 @@ fn wgpu(name: &str, which: &str) -> Result<Device> {
                 .because(e)
                 .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
         })?;
-    opened.insert(name.to_owned(), device.clone());
+    let known = Opened {
+        device: device.clone(),
+        adapter,
+        gpu: None,
+    };
+    opened.insert(name.to_owned(), known);
     Ok(device)
 }
 

@@ -52,11 +52,11 @@ impl Block {
             };
             let bias: Vec<f32> = bias.iter().zip(&scales).map(|(b, s)| b * s).collect();
             let at = |row: usize, column: usize| weights[column * depth + row] * scales[column];
-            let packed = Packed::new(tensors.level, (depth, columns), &bias, at);
+            let packed = Packed::new(tensors.target, (depth, columns), &bias, at);
             Ok::<_, WeightsError>(Arc::new(packed))
         };
         Ok(Self {
-            level: tensors.level,
+            level: tensors.target,
             width,
             heads: config.heads,
             norms: [norm("norm1")?, norm("norm2")?],
