@@ -129,7 +129,7 @@ pub enum WeightsError {
     #[error("the network reads the features of a pretrained encoder, which was not given")]
     NoEncoder,
     /// This kind of network cannot be run here.
-    #[error("this network cannot be prepared for the CPU: {0}")]
+    #[error("this network cannot be prepared: {0}")]
     Unsupported(&'static str),
 }
 

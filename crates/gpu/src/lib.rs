@@ -26,6 +26,8 @@ mod kernel;
 mod memory;
 mod network;
 mod plan;
+#[cfg(test)]
+mod tests;
 mod traffic;
 mod weights;
 
