@@ -221,22 +221,6 @@ impl Gpu {
         self.0.pool.take(&self.0.device, bytes, usage)
     }
 
-    /// Asks for what a submission writes to the first `count` floats of a staging buffer.
-    pub(crate) fn request(&self, staging: Pooled, count: usize, after: SubmissionIndex) -> Pending {
-        let mapped = Arc::new(AtomicBool::new(false));
-        let done = mapped.clone();
-        let bytes = 4 * count as u64;
-        staging.map_async(MapMode::Read, 0..bytes, move |result| {
-            done.store(result.is_ok(), Ordering::Release);
-        });
-        Pending {
-            staging,
-            bytes,
-            after,
-            mapped,
-        }
-    }
-
     /// Waits for values. Where the driver has failed, they are NaN, which no fit accepts.
     pub(crate) fn wait(&self, part: Part, pending: Pending) -> Vec<f32> {
         let waited = self.0.device.poll(PollType::Wait {
@@ -254,11 +238,10 @@ impl Gpu {
         }
         let mapped = pending.mapped.load(Ordering::Acquire) && self.0.failure.get().is_none();
         let range = mapped.then(|| pending.staging.get_mapped_range(0..pending.bytes));
-        let values = match range {
+        match range {
             Some(Ok(range)) => bytemuck::pod_collect_to_vec(&range),
             _ => vec![f32::NAN; pending.bytes as usize / 4],
-        };
-        values
+        }
     }
 
     /// Whether everything that was submitted so far could be.
@@ -281,6 +264,24 @@ pub(crate) struct Pending {
     bytes: u64,
     after: SubmissionIndex,
     mapped: Arc<AtomicBool>,
+}
+
+impl Pending {
+    /// Asks for what a submission writes to the first `count` floats of a staging buffer.
+    pub(crate) fn new(staging: Pooled, count: usize, after: SubmissionIndex) -> Self {
+        let mapped = Arc::new(AtomicBool::new(false));
+        let done = mapped.clone();
+        let bytes = 4 * count as u64;
+        staging.map_async(MapMode::Read, 0..bytes, move |result| {
+            done.store(result.is_ok(), Ordering::Release);
+        });
+        Self {
+            staging,
+            bytes,
+            after,
+            mapped,
+        }
+    }
 }
 
 impl Drop for Pending {

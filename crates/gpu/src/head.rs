@@ -1,6 +1,6 @@
 //! The MLP: its weights in the buffer of all, and its launches, each with one transfer there and one back.
 
-use crate::device::Gpu;
+use crate::device::{Gpu, Pending};
 use crate::kernel::{HeadKernel, Kernel, PARAMETERS};
 use crate::memory::Pooled;
 use crate::plan::{Place, spread};
@@ -35,8 +35,11 @@ pub(crate) struct Head {
     offsets: [u32; 4],
     layers: Vec<[u32; 4]>,
     /// The first layer on the codes of all rows and columns of images of the last few sizes.
-    grids: Mutex<VecDeque<((usize, usize), Arc<Buffer>)>>,
+    grids: Mutex<VecDeque<Grid>>,
 }
+
+/// The first layer on the codes of all positions of images of one size (height, width).
+type Grid = ((usize, usize), Arc<Buffer>);
 
 /// The features of an image behind the first layer, with the logarithm of the first function behind them.
 #[derive(Debug)]
@@ -313,5 +316,5 @@ fn launch(
         encoder.copy_buffer_to_buffer(&output, 0, &staging, 0, 4 * count as u64);
         1
     });
-    gpu.wait(part, gpu.request(staging, count, submitted))
+    gpu.wait(part, Pending::new(staging, count, submitted))
 }

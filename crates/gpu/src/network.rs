@@ -2,7 +2,7 @@
 
 use crate::device::{Gpu, Pending};
 use crate::head::{Features, Head, MOST_LAYERS, MOST_WIDTH};
-use crate::plan::{Launches, Place, Recorder};
+use crate::plan::{Launches, Map, Place, Recorder};
 use crate::traffic::Part;
 use crate::weights::{GpuLayer, Packer};
 use lsdc_core::network::{
@@ -128,7 +128,7 @@ impl Plan {
             image: image.place(),
             affinities: affinities.place(),
             features: features.place(),
-            logarithm: output.logarithm.as_ref().map(|map| map.place()),
+            logarithm: output.logarithm.as_ref().map(Map::place),
             submitting: Mutex::default(),
         };
         let launches = Launches::new(&network.gpu, recorder, &network.weights)?;
@@ -162,7 +162,7 @@ impl Plan {
             copy(encoder, self.affinities, &staging, 0);
             launches
         });
-        let affinities = gpu.request(staging, 2 * self.size.0 * self.size.1, submitted);
+        let affinities = Pending::new(staging, 2 * self.size.0 * self.size.1, submitted);
         gpu.submit(Part::Network, |encoder| {
             let launches = (self.launches).encode(encoder, self.first..self.launches.len());
             copy(encoder, self.features, &kept, 0);

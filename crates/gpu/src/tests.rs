@@ -1,5 +1,6 @@
 //! Every kernel against the kernels of the CPU or plain loops in f64, at sizes around those of tiles.
 
+use crate::device::Pending;
 use crate::head::{Features, Head};
 use crate::plan::{Launches, Map, Place, Recorder};
 use crate::traffic::Part;
@@ -186,7 +187,7 @@ fn computed(
     });
     let values = gpu.wait(
         Part::Network,
-        gpu.request(staging, bytes as usize / 4, submitted),
+        Pending::new(staging, bytes as usize / 4, submitted),
     );
     gpu.check().unwrap();
     let pixels = values.chunks_exact(4 * place.quads);
@@ -529,7 +530,7 @@ fn a_failure_is_reported_and_yields_no_numbers() {
     assert!(error.to_string().contains(gpu.name()), "{error}");
     let staging = gpu.staging(16);
     let submitted = gpu.submit(Part::Map, |_| 0);
-    let values = gpu.wait(Part::Map, gpu.request(staging, 4, submitted));
+    let values = gpu.wait(Part::Map, Pending::new(staging, 4, submitted));
     assert!(values.len() == 4 && values.iter().all(|v| v.is_nan()));
 }
 

@@ -74,10 +74,9 @@ impl Prepare for &Packer {
         }
         let first = self.rows(&rows, outputs, 0);
         // That of a depthwise convolution follows its weights, even if it is 0.
-        let missing = if spec.depthwise { 1 } else { 0 };
         let bias = match bias {
-            [] if missing == 0 => NONE,
-            [] => self.rows(&[], outputs, missing),
+            [] if spec.depthwise => self.rows(&[], outputs, 1),
+            [] => NONE,
             _ => self.rows(bias, outputs, 0),
         };
         GpuLayer {
