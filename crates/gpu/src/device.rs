@@ -6,6 +6,7 @@ use crate::traffic::{Counters, Part, Traffic};
 use lsdc_core::SettingsError;
 use std::collections::HashMap;
 use std::pin::pin;
+use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
@@ -15,7 +16,7 @@ use wgpu::{
 };
 
 /// Which GPU.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Adapter {
     /// A discrete one, else an integrated one, else any other, else a software driver.
     #[default]
@@ -28,10 +29,36 @@ pub enum Adapter {
     Software,
 }
 
+impl FromStr for Adapter {
+    type Err = GpuError;
+
+    /// Parses the names of the command line: `wgpu` (the best), `wgpu:N` (discrete, from 0 on), `wgpu:integrated`,
+    /// `wgpu:software`.
+    fn from_str(name: &str) -> Result<Self, GpuError> {
+        let (kind, which) = name.split_once(':').unwrap_or((name, ""));
+        let adapter = match (kind, which) {
+            ("wgpu", "") => Some(Self::Best),
+            ("wgpu", "integrated") => Some(Self::Integrated),
+            ("wgpu", "software") => Some(Self::Software),
+            ("wgpu", number) => number.parse().ok().map(Self::Discrete),
+            _ => None,
+        };
+        adapter.ok_or_else(|| GpuError::Unknown {
+            name: name.to_owned(),
+        })
+    }
+}
+
 /// A GPU cannot be opened.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
+    /// No kind of GPU has this name.
+    #[error("unknown device `{name}`")]
+    Unknown {
+        /// What was given.
+        name: String,
+    },
     /// There is none of that kind.
     #[error("there is no GPU of this kind ({wanted:?}); found: {found}")]
     Missing {
@@ -48,6 +75,18 @@ pub enum GpuError {
         /// The driver's reason.
         why: String,
     },
+}
+
+impl GpuError {
+    /// A suggestion for what to do.
+    pub fn hint(&self) -> &'static str {
+        match self {
+            Self::Unknown { .. } => "GPUs are wgpu, wgpu:N, wgpu:integrated and wgpu:software",
+            Self::Missing { .. } | Self::Refused { .. } => {
+                "check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`"
+            }
+        }
+    }
 }
 
 /// An open GPU. Clones share it.
@@ -68,6 +107,21 @@ struct Inner {
 }
 
 impl Gpu {
+    /// The GPU of a kind, which is opened once in a process.
+    ///
+    /// # Errors
+    /// As for [`Gpu::open`].
+    pub fn shared(adapter: Adapter) -> Result<Self, GpuError> {
+        static OPENED: Mutex<Vec<(Adapter, Gpu)>> = Mutex::new(Vec::new());
+        let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, gpu)) = opened.iter().find(|(known, _)| *known == adapter) {
+            return Ok(gpu.clone());
+        }
+        let gpu = Self::open(adapter)?;
+        opened.push((adapter, gpu.clone()));
+        Ok(gpu)
+    }
+
     /// Opens a GPU.
     ///
     /// # Errors

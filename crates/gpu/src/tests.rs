@@ -536,6 +536,10 @@ fn a_failure_is_reported_and_yields_no_numbers() {
 
 #[test]
 fn a_kind_of_gpu_that_is_missing_lists_those_there_are() {
-    let error = Gpu::open(Adapter::Discrete(1000)).unwrap_err();
+    let error = Gpu::open("wgpu:1000".parse().unwrap()).unwrap_err();
     assert!(error.to_string().contains("found: "), "{error}");
+    for name in ["cpu", "wgpu:", "wgpu:-1", "wgpu:fast", "cuda"] {
+        let adapter = name.parse::<Adapter>();
+        assert_eq!(adapter.is_ok(), name == "wgpu:", "{name}");
+    }
 }

@@ -153,3 +153,28 @@ fn a_completion_agrees_and_is_within_its_budget() {
         assert!(all.bytes_down <= 4 * (3 * 60 * 80 + functions), "{parts:?}");
     }
 }
+
+#[test]
+fn images_of_several_threads_do_not_mix() {
+    let Some(gpu) = gpu() else { return };
+    let network = GpuNetwork::new(&Weights::builtin_small(), &gpu).unwrap();
+    let size = (33, 41);
+    let places = [[3.0, 4.0], [17.5, 20.25]];
+    let run = |image: &[f32]| {
+        let forward = network.forward(image, size).unwrap();
+        let (affinities, _) = forward.affinities();
+        (affinities, forward.basis().at(size, &places))
+    };
+    let names = ["one", "two", "three", "four"];
+    let images = names.map(|name| random(3 * size.0 * size.1, name));
+    let alone = images.each_ref().map(|image| run(image));
+    assert_ne!(alone[0], alone[1]);
+    std::thread::scope(|scope| {
+        let threads = images
+            .each_ref()
+            .map(|image| scope.spawn(|| [run(image), run(image)]));
+        for (thread, expected) in threads.into_iter().zip(&alone) {
+            assert!(thread.join().unwrap().iter().all(|found| found == expected));
+        }
+    });
+}

@@ -3,9 +3,7 @@
 pub use burn::tensor::Device;
 use lsdc_files::error::{Error, Result};
 #[cfg(feature = "wgpu")]
-use lsdc_gpu::Adapter;
-#[cfg(feature = "wgpu")]
-pub use lsdc_gpu::{Gpu, Part, Traffic};
+use lsdc_gpu::{Adapter, Gpu, GpuError};
 #[cfg(feature = "wgpu")]
 use std::collections::BTreeMap;
 #[cfg(feature = "wgpu")]
@@ -35,7 +33,7 @@ pub fn device(name: &str) -> Result<Device> {
         #[cfg(feature = "ndarray")]
         "ndarray" if which.is_empty() => Ok(ndarray()),
         #[cfg(feature = "wgpu")]
-        "wgpu" => wgpu(name, which),
+        "wgpu" => wgpu(name),
         #[cfg(not(feature = "wgpu"))]
         "wgpu" => Err(without(name, "wgpu")),
         #[cfg(not(feature = "ndarray"))]
@@ -67,17 +65,9 @@ fn ndarray() -> Device {
     Device::ndarray()
 }
 
-/// A GPU as burn opened it, and as [`gpu`] does.
-#[cfg(feature = "wgpu")]
-struct Opened {
-    device: Device,
-    adapter: Adapter,
-    gpu: Option<Gpu>,
-}
-
 /// By name. A process opens a device once; burn refuses a second time.
 #[cfg(feature = "wgpu")]
-static OPENED: Mutex<BTreeMap<String, Opened>> = Mutex::new(BTreeMap::new());
+static OPENED: Mutex<BTreeMap<String, (Device, Adapter)>> = Mutex::new(BTreeMap::new());
 
 /// The GPU that networks prepared for inference run on, of a device; nothing if it is none.
 ///
@@ -85,38 +75,32 @@ static OPENED: Mutex<BTreeMap<String, Opened>> = Mutex::new(BTreeMap::new());
 /// A GPU that cannot be opened a second time.
 #[cfg(feature = "wgpu")]
 pub fn gpu(device: &Device) -> Result<Option<Gpu>> {
-    let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(opened) = opened.values_mut().find(|known| known.device == *device) else {
-        return Ok(None);
-    };
-    if opened.gpu.is_none() {
-        let gpu = Gpu::open(opened.adapter);
-        let failed = |error| Error::device("the GPU cannot be opened for inference").because(error);
-        opened.gpu = Some(gpu.map_err(failed)?);
-    }
-    Ok(opened.gpu.clone())
+    let opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
+    let adapter = opened.values().find(|(known, _)| known == device);
+    let gpu = adapter.map(|&(_, adapter)| Gpu::shared(adapter));
+    gpu.transpose().map_err(failed)
 }
 
 #[cfg(feature = "wgpu")]
-fn wgpu(name: &str, which: &str) -> Result<Device> {
+fn failed(error: GpuError) -> Error {
+    let hint = error.hint();
+    Error::device(error.to_string()).hint(hint)
+}
+
+#[cfg(feature = "wgpu")]
+fn wgpu(name: &str) -> Result<Device> {
     use burn::tensor::DeviceKind;
 
-    let unknown = || {
-        Error::device(format!("unknown device `{name}`"))
-            .hint(format!("devices of this build: {}", names().join(", ")))
-    };
-    let (kind, adapter) = match which {
-        "" => (DeviceKind::DefaultDevice, Adapter::Best),
-        "integrated" => (DeviceKind::IntegratedGpu(0), Adapter::Integrated),
-        "software" => (DeviceKind::Cpu, Adapter::Software),
-        number => {
-            let number = number.parse().map_err(|_| unknown())?;
-            (DeviceKind::DiscreteGpu(number), Adapter::Discrete(number))
-        }
+    let adapter: Adapter = name.parse().map_err(failed)?;
+    let kind = match adapter {
+        Adapter::Best => DeviceKind::DefaultDevice,
+        Adapter::Discrete(number) => DeviceKind::DiscreteGpu(number),
+        Adapter::Integrated => DeviceKind::IntegratedGpu(0),
+        Adapter::Software => DeviceKind::Cpu,
     };
     let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(known) = opened.get(name) {
-        return Ok(known.device.clone());
+        return Ok(known.0.clone());
     }
     let device = Device::wgpu_options()
         .device_kind(kind)
@@ -126,12 +110,7 @@ fn wgpu(name: &str, which: &str) -> Result<Device> {
                 .because(e)
                 .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
         })?;
-    let known = Opened {
-        device: device.clone(),
-        adapter,
-        gpu: None,
-    };
-    opened.insert(name.to_owned(), known);
+    opened.insert(name.to_owned(), (device.clone(), adapter));
     Ok(device)
 }
 

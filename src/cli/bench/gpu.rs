@@ -5,7 +5,7 @@ use lsdc_eval::data::Frame;
 use lsdc_eval::predict::complete;
 use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::Result;
-use lsdc_train::device::{Traffic, device, gpu};
+use lsdc_gpu::{Adapter, Gpu, Traffic};
 use serde::Serialize;
 use std::fmt::{Display, Formatter};
 
@@ -45,7 +45,8 @@ pub(super) fn traffic(
     frame: &Frame,
     points: &Pattern,
 ) -> Result<Vec<PartTraffic>> {
-    let Some(gpu) = gpu(&device(name)?)? else {
+    let opened = name.parse::<Adapter>().and_then(Gpu::shared);
+    let Ok(gpu) = opened else {
         return Ok(Vec::new());
     };
     let before = gpu.traffic();

@@ -1,6 +1,6 @@
 //! `lsdc bench`: how fast is it on this machine.
 
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(feature = "train")]
 mod training;
@@ -47,7 +47,7 @@ struct Completing {
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     guide_ms: BTreeMap<String, f64>,
     /// What one completion launches on a GPU and transfers, by part.
-    #[cfg(feature = "wgpu")]
+    #[cfg(feature = "gpu")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     gpu: Vec<gpu::PartTraffic>,
     points: usize,
@@ -118,7 +118,7 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
             "guide     {value:8.2} ms ({name} on the CPU, beside the total)"
         ));
     }
-    #[cfg(feature = "wgpu")]
+    #[cfg(feature = "gpu")]
     lines.extend(outcome.gpu.iter().map(ToString::to_string));
     report(args.json, &outcome, lines, outcome.peak_mb)
 }
@@ -169,7 +169,7 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
         peak_mb: peak_memory(),
         deviation_ms: time_deviations(&completer, &frame, &points, args.runs)?,
         guide_ms: time_guides(&guides, &frame, args.runs)?,
-        #[cfg(feature = "wgpu")]
+        #[cfg(feature = "gpu")]
         gpu: gpu::traffic(&args.model.device, &completer, &frame, &points)?,
         points: args.points,
         setting: setting(args, size),
