@@ -29,13 +29,13 @@ fn random(count: usize, name: &str) -> Vec<f32> {
 
 /// A map `[height, width, channels]` on the CPU.
 #[derive(Clone)]
-struct Values {
+struct HostMap {
     values: Vec<f32>,
     size: (usize, usize),
     channels: usize,
 }
 
-impl Values {
+impl HostMap {
     fn random(size: (usize, usize), channels: usize, name: &str) -> Self {
         Self {
             values: random(size.0 * size.1 * channels, name),
@@ -119,7 +119,7 @@ impl Convolution {
         packer.layer(&self.weights, self.sizes, &self.bias, self.spec)
     }
 
-    fn on_cpu(&self, x: &Values) -> Values {
+    fn on_cpu(&self, x: &HostMap) -> HostMap {
         let layer = Layer::new(
             Level::here(),
             &self.weights,
@@ -132,7 +132,7 @@ impl Convolution {
         let mut values = vec![0.0; out.0 * out.1 * self.sizes[0]];
         let scratch = Scratch::default();
         layer.apply(&x.values, size, Tail::default(), &scratch, &mut values);
-        Values {
+        HostMap {
             values,
             size: out,
             channels: self.sizes[0],
@@ -155,10 +155,10 @@ fn storage(gpu: &Gpu, values: &[f32]) -> Buffer {
 fn computed(
     gpu: &Gpu,
     packer: Packer,
-    inputs: &[&Values],
+    inputs: &[&HostMap],
     channels: usize,
     record: impl FnOnce(&Recorder, &[Map]) -> Map,
-) -> Values {
+) -> HostMap {
     let recorder = Recorder::default();
     let maps = inputs
         .iter()
@@ -191,7 +191,7 @@ fn computed(
     );
     gpu.check().unwrap();
     let pixels = values.chunks_exact(4 * place.quads);
-    Values {
+    HostMap {
         values: pixels
             .flat_map(|pixel| pixel[..channels].to_vec())
             .collect(),
@@ -230,9 +230,9 @@ fn convolutions_agree() {
     }
     for (i, (size, [channels, outputs], taps, spec)) in cases.into_iter().enumerate() {
         let layer = Convolution::new([outputs, channels, taps], spec, i % 3 > 0);
-        let x = Values::random(size, channels, "x");
+        let x = HostMap::random(size, channels, "x");
         let mut expected = layer.on_cpu(&x);
-        let skip = Values::random(expected.size, outputs, "skip");
+        let skip = HostMap::random(expected.size, outputs, "skip");
         let relu = i % 4 == 3;
         let skips = i % 2 == 0;
         if skips {
@@ -264,9 +264,9 @@ fn separable_convolutions_agree() {
             let spec = ConvSpec::depthwise(taps, stride);
             let depthwise = Convolution::new([inner, 1, taps], spec, has_bias);
             let pointwise = Convolution::new([outputs, inner, 1], ConvSpec::pointwise(), has_bias);
-            let x = Values::random(size, inner, "x");
+            let x = HostMap::random(size, inner, "x");
             let mut expected = pointwise.on_cpu(&depthwise.on_cpu(&x).rectified());
-            let skip = Values::random(expected.size, outputs, "skip");
+            let skip = HostMap::random(expected.size, outputs, "skip");
             if skips {
                 expected = expected.plus(&skip);
             }
@@ -297,8 +297,8 @@ fn sums_with_enlarged_maps_agree() {
         let packer = Packer::default();
         let prepared = layer.on_gpu(&packer);
         let (x, map) = (
-            Values::random(coarse, channels, "x"),
-            Values::random(fine, outputs, "map"),
+            HostMap::random(coarse, channels, "x"),
+            HostMap::random(fine, outputs, "map"),
         );
         let expected = map.clone().plus(&layer.on_cpu(&x).enlarged(fine));
         let found = computed(&gpu, packer, &[&x, &map], outputs, |recorder, maps| {
@@ -309,8 +309,8 @@ fn sums_with_enlarged_maps_agree() {
         let packer = Packer::default();
         let prepared = layer.on_gpu(&packer);
         let (x, map) = (
-            Values::random(fine, channels, "x"),
-            Values::random(coarse, outputs, "map"),
+            HostMap::random(fine, channels, "x"),
+            HostMap::random(coarse, outputs, "map"),
         );
         let expected = layer.on_cpu(&x).plus(&map.enlarged(fine));
         let found = computed(&gpu, packer, &[&x, &map], outputs, |recorder, maps| {
@@ -332,7 +332,7 @@ fn sums_with_enlarged_maps_agree() {
 #[test]
 fn averages_and_concatenations_agree() {
     let Some(gpu) = gpu() else { return };
-    let x = Values::random((29, 37), 12, "x");
+    let x = HostMap::random((29, 37), 12, "x");
     for size in [1, 4, 8, 32, 64] {
         let windows = (29_usize.div_ceil(size), 37_usize.div_ceil(size));
         let mut expected = Vec::new();
@@ -358,17 +358,17 @@ fn averages_and_concatenations_agree() {
         assert_eq!(found.size, windows);
         agree(&format!("windows of {size}"), &found.values, &expected);
     }
-    let same = Values::random((29, 37), 4, "same");
-    let parts: Vec<Values> = (1..=13)
-        .map(|i| Values::random((i, 2 * i), 4 * (1 + i % 3), &i.to_string()))
+    let same = HostMap::random((29, 37), 4, "same");
+    let parts: Vec<HostMap> = (1..=13)
+        .map(|i| HostMap::random((i, 2 * i), 4 * (1 + i % 3), &i.to_string()))
         .collect();
-    let all: Vec<&Values> = [&x, &same].into_iter().chain(&parts).collect();
+    let all: Vec<&HostMap> = [&x, &same].into_iter().chain(&parts).collect();
     let channels = all.iter().map(|part| part.channels).sum();
-    let enlarged: Vec<Values> = all.iter().map(|part| part.enlarged((29, 37))).collect();
+    let enlarged: Vec<HostMap> = all.iter().map(|part| part.enlarged((29, 37))).collect();
     let expected: Vec<f32> = (0..29 * 37)
         .flat_map(|pixel| {
             let of_part =
-                |part: &Values| part.values[pixel * part.channels..][..part.channels].to_vec();
+                |part: &HostMap| part.values[pixel * part.channels..][..part.channels].to_vec();
             enlarged.iter().flat_map(of_part).collect::<Vec<f32>>()
         })
         .collect();
@@ -381,7 +381,7 @@ fn averages_and_concatenations_agree() {
 /// An MLP in f64, as its weights describe it.
 fn functions(
     head: &HeadWeights,
-    (features, logarithm): (&Values, &Values),
+    (features, logarithm): (&HostMap, &HostMap),
     size: (usize, usize),
     [u, v]: [f64; 2],
 ) -> Vec<f64> {
@@ -464,8 +464,8 @@ fn mlps_agree() {
             octaves,
             first,
         };
-        let map = Values::random((7, 9), features, "features");
-        let logarithm = Values::random((7, 9), 1, "logarithm");
+        let map = HostMap::random((7, 9), features, "features");
+        let logarithm = HostMap::random((7, 9), 1, "logarithm");
         let packer = Packer::default();
         let head = Head::new(weights.clone(), &packer).unwrap();
         let layer = Convolution {

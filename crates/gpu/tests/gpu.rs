@@ -1,5 +1,5 @@
 //! The network on a GPU against that on the CPU, and what a completion launches and transfers.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 use lsdc_core::network::{CpuNetwork, Network as _};
 use lsdc_core::{Channels, Completer, Image, Observations, Weights};
