@@ -137,7 +137,7 @@ pub enum WeightsError {
         until: &'static str,
     },
     /// This kind of network cannot be run here.
-    #[error("this network cannot be prepared for the CPU: {0}")]
+    #[error("this network cannot be prepared: {0}")]
     Unsupported(&'static str),
 }
 

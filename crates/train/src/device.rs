@@ -2,6 +2,12 @@
 
 pub use burn::tensor::Device;
 use lsdc_files::error::{Error, Result};
+#[cfg(feature = "wgpu")]
+use lsdc_gpu::{Adapter, Gpu, GpuError};
+#[cfg(feature = "wgpu")]
+use std::collections::BTreeMap;
+#[cfg(feature = "wgpu")]
+use std::sync::{Mutex, PoisonError};
 
 /// The names that `device` understands in this build.
 pub fn names() -> Vec<&'static str> {
@@ -27,7 +33,7 @@ pub fn device(name: &str) -> Result<Device> {
         #[cfg(feature = "ndarray")]
         "ndarray" if which.is_empty() => Ok(ndarray()),
         #[cfg(feature = "wgpu")]
-        "wgpu" => wgpu(name, which),
+        "wgpu" => wgpu(name),
         #[cfg(not(feature = "wgpu"))]
         "wgpu" => Err(without(name, "wgpu")),
         #[cfg(not(feature = "ndarray"))]
@@ -59,27 +65,42 @@ fn ndarray() -> Device {
     Device::ndarray()
 }
 
+/// By name. A process opens a device once; burn refuses a second time.
 #[cfg(feature = "wgpu")]
-fn wgpu(name: &str, which: &str) -> Result<Device> {
+static OPENED: Mutex<BTreeMap<String, (Device, Adapter)>> = Mutex::new(BTreeMap::new());
+
+/// The GPU that networks prepared for inference run on, of a device; nothing if it is none.
+///
+/// # Errors
+/// A GPU that cannot be opened a second time.
+#[cfg(feature = "wgpu")]
+pub fn gpu(device: &Device) -> Result<Option<Gpu>> {
+    let opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
+    let adapter = opened.values().find(|(known, _)| known == device);
+    let gpu = adapter.map(|&(_, adapter)| Gpu::shared(adapter));
+    gpu.transpose().map_err(failed)
+}
+
+#[cfg(feature = "wgpu")]
+fn failed(error: GpuError) -> Error {
+    let hint = error.hint();
+    Error::device(error.to_string()).hint(hint)
+}
+
+#[cfg(feature = "wgpu")]
+fn wgpu(name: &str) -> Result<Device> {
     use burn::tensor::DeviceKind;
-    use std::collections::BTreeMap;
-    use std::sync::{Mutex, PoisonError};
 
-    /// A process opens a device once; burn refuses a second time.
-    static OPENED: Mutex<BTreeMap<String, Device>> = Mutex::new(BTreeMap::new());
-
-    let kind = match which {
-        "" => DeviceKind::DefaultDevice,
-        "integrated" => DeviceKind::IntegratedGpu(0),
-        "software" => DeviceKind::Cpu,
-        number => DeviceKind::DiscreteGpu(number.parse().map_err(|_| {
-            Error::device(format!("unknown device `{name}`"))
-                .hint(format!("devices of this build: {}", names().join(", ")))
-        })?),
+    let adapter: Adapter = name.parse().map_err(failed)?;
+    let kind = match adapter {
+        Adapter::Best => DeviceKind::DefaultDevice,
+        Adapter::Discrete(number) => DeviceKind::DiscreteGpu(number),
+        Adapter::Integrated => DeviceKind::IntegratedGpu(0),
+        Adapter::Software => DeviceKind::Cpu,
     };
     let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(device) = opened.get(name) {
-        return Ok(device.clone());
+    if let Some(known) = opened.get(name) {
+        return Ok(known.0.clone());
     }
     let device = Device::wgpu_options()
         .device_kind(kind)
@@ -89,7 +110,7 @@ fn wgpu(name: &str, which: &str) -> Result<Device> {
                 .because(e)
                 .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
         })?;
-    opened.insert(name.to_owned(), device.clone());
+    opened.insert(name.to_owned(), (device.clone(), adapter));
     Ok(device)
 }
 

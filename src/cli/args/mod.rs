@@ -121,7 +121,11 @@ pub(super) struct Model {
         doc = "Compute device: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray."
     )]
     #[cfg_attr(
-        not(feature = "train"),
+        all(feature = "gpu", not(feature = "train")),
+        doc = "Compute device: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software."
+    )]
+    #[cfg_attr(
+        not(any(feature = "gpu", feature = "train")),
         doc = "Compute device: cpu, the only one of this build."
     )]
     #[arg(

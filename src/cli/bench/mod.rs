@@ -1,5 +1,7 @@
 //! `lsdc bench`: how fast is it on this machine.
 
+#[cfg(feature = "gpu")]
+mod gpu;
 #[cfg(feature = "train")]
 mod training;
 
@@ -44,6 +46,10 @@ struct Completing {
     /// The prediction of each guide, which the total does not contain either.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     guide_ms: BTreeMap<String, f64>,
+    /// What one completion launches on a GPU and transfers, by part.
+    #[cfg(feature = "gpu")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    gpu: Vec<gpu::PartTraffic>,
     points: usize,
     /// The most memory that the process has held, where the system tells; with the networks of the guides.
     peak_mb: Option<f64>,
@@ -112,6 +118,8 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
             "guide     {value:8.2} ms ({name} on the CPU, beside the total)"
         ));
     }
+    #[cfg(feature = "gpu")]
+    lines.extend(outcome.gpu.iter().map(ToString::to_string));
     report(args.json, &outcome, lines, outcome.peak_mb)
 }
 
@@ -161,6 +169,8 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
         peak_mb: peak_memory(),
         deviation_ms: time_deviations(&completer, &frame, &points, args.runs)?,
         guide_ms: time_guides(&guides, &frame, args.runs)?,
+        #[cfg(feature = "gpu")]
+        gpu: gpu::traffic(&args.model.device, &completer, &frame, &points)?,
         points: args.points,
         setting: setting(args, size),
     })

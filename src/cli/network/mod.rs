@@ -1,5 +1,7 @@
 //! Opens what `--weights`, `--device`, `--method`, `--system`, `--guide` and `--quality` name, as far as the build has it.
 
+#[cfg(feature = "gpu")]
+mod gpu;
 mod guide;
 #[cfg(not(feature = "train"))]
 mod prepared;

@@ -1,4 +1,4 @@
-//! Networks prepared for the CPU: all that a build without burn has.
+//! Networks prepared for the CPU or a GPU: all that a build without burn has.
 
 use image::RgbImage;
 use lsdc_core::Completer;
@@ -9,8 +9,12 @@ use lsdc_eval::sampling::Size;
 use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Opens weights by name, on the one device of this build.
+/// Opens weights on a device, both by name.
 pub(in crate::cli) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Completer> {
+    #[cfg(feature = "gpu")]
+    if let Some(completer) = super::gpu::open_completer(weights, name)? {
+        return Ok(completer);
+    }
     check_device(name)?;
     lsdc_weights::open_completer(weights)
 }

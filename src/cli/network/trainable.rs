@@ -10,6 +10,10 @@ use std::path::{Path, PathBuf};
 
 /// Opens weights on a device, both by name.
 pub(in crate::cli) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Completer> {
+    #[cfg(feature = "gpu")]
+    if let Some(completer) = super::gpu::open_completer(weights, name)? {
+        return Ok(completer);
+    }
     lsdc_train::predict::open_completer(weights, &device(name)?)
 }
 

@@ -2,33 +2,32 @@
 //! sixteenth of the resolution and a decoder back to full resolution.
 
 use super::config::{CHANGES, NetworkConfig};
-use super::map::Map;
+use super::executor::{Executor, Prepare};
 use super::tensors::Tensors;
-use super::workspace::Workspace;
 use crate::error::WeightsError;
-use lsdc_kernels::conv::{ConvSpec, Layer};
+use lsdc_kernels::conv::ConvSpec;
 
 #[derive(Debug)]
-pub(super) struct AffinityNet {
-    down: Vec<[Layer; 2]>,
+pub(super) struct AffinityNet<L> {
+    down: Vec<[L; 2]>,
     /// From the encoder's features to what is added at the lowest resolution.
-    encoded: Option<Layer>,
-    up: Vec<UpBlock>,
-    last: Layer,
+    encoded: Option<L>,
+    up: Vec<UpBlock<L>>,
+    last: L,
 }
 
 #[derive(Debug)]
-struct UpBlock {
-    narrow: Layer,
-    mix: [Layer; 2],
+struct UpBlock<L> {
+    narrow: L,
+    mix: [L; 2],
 }
 
-impl AffinityNet {
+impl<L> AffinityNet<L> {
     /// `channels` are those of the encoder's features, if there is an encoder.
     pub(super) fn new(
         config: &NetworkConfig,
         channels: Option<usize>,
-        tensors: &Tensors<'_>,
+        tensors: &Tensors<'_, impl Prepare<Layer = L>>,
     ) -> Result<Self, WeightsError> {
         let (same, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
         let widths = config.levels();
@@ -67,24 +66,29 @@ impl AffinityNet {
     }
 
     /// The changes of the affinities that follow from the colours, `[height, width, CHANGES]`.
-    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, workspace: &Workspace) -> Map {
-        let mut levels: Vec<Map> = Vec::new();
+    pub(super) fn forward<M: Clone>(
+        &self,
+        image: &M,
+        encoded: Option<&M>,
+        executor: &impl Executor<Layer = L, Map = M>,
+    ) -> M {
+        let mut x = image.clone();
+        let mut levels: Vec<M> = Vec::new();
         for [first, second] in &self.down {
-            let x = workspace.layer(first, levels.last().unwrap_or(image), None, true);
-            levels.push(workspace.layer(second, &x, None, true));
+            let inner = executor.layer(first, &x, None, true);
+            x = executor.layer(second, &inner, None, true);
+            levels.push(x.clone());
         }
-        let mut lowest = levels.pop().unwrap_or_default();
+        levels.pop();
         if let (Some(layer), Some(map)) = (&self.encoded, encoded) {
-            lowest.add_enlarged(&workspace.layer(layer, map, None, false));
+            x = executor.plus_enlarged_layer(x, layer, map);
         }
         let pairs = self.up.iter().zip(levels.into_iter().rev());
-        let x = pairs.fold(lowest, |x, (block, mut level)| {
-            let narrow = workspace.layer(&block.narrow, &x, None, false);
+        let x = pairs.fold(x, |x, (block, level)| {
+            let sum = executor.plus_enlarged_layer(level, &block.narrow, &x);
             drop(x);
-            level.add_enlarged(&narrow);
-            drop(narrow);
-            workspace.layers(&block.mix, level)
+            executor.layers(&block.mix, sum)
         });
-        workspace.layer(&self.last, &x, None, false)
+        executor.layer(&self.last, &x, None, false)
     }
 }

@@ -2,11 +2,10 @@
 //! to classify photographs.
 
 use super::config::BackboneConfig;
-use super::map::Map;
+use super::executor::{Executor, Prepare};
 use super::tensors::Tensors;
-use super::workspace::Workspace;
 use crate::error::WeightsError;
-use lsdc_kernels::conv::{ConvSpec, Layer};
+use lsdc_kernels::conv::ConvSpec;
 
 /// Channels behind the first convolution.
 pub const BACKBONE_STEM: usize = 32;
@@ -88,21 +87,24 @@ impl BackboneConfig {
 
 /// The stages with their weights.
 #[derive(Debug)]
-pub(super) struct Backbone {
-    stem: Layer,
-    blocks: Vec<Inverted>,
+pub(super) struct Backbone<L> {
+    stem: L,
+    blocks: Vec<Inverted<L>>,
 }
 
 #[derive(Debug)]
-struct Inverted {
+struct Inverted<L> {
     config: InvertedBlock,
-    expand: Option<Layer>,
-    depthwise: Layer,
-    project: Layer,
+    expand: Option<L>,
+    depthwise: L,
+    project: L,
 }
 
-impl Backbone {
-    pub(super) fn new(config: BackboneConfig, tensors: &Tensors<'_>) -> Result<Self, WeightsError> {
+impl<L> Backbone<L> {
+    pub(super) fn new(
+        config: BackboneConfig,
+        tensors: &Tensors<'_, impl Prepare<Layer = L>>,
+    ) -> Result<Self, WeightsError> {
         let name = |part: &str| format!("extractor.backbone.{part}");
         let pointwise = ConvSpec::pointwise();
         let block = |(i, config): (usize, InvertedBlock)| {
@@ -132,27 +134,30 @@ impl Backbone {
     }
 
     /// The outputs that are read, the finest first.
-    pub(super) fn forward(&self, image: &Map, workspace: &Workspace) -> Vec<Map> {
-        let mut x = workspace.layer(&self.stem, image, None, true);
+    pub(super) fn forward<M: Clone>(
+        &self,
+        image: &M,
+        executor: &impl Executor<Layer = L, Map = M>,
+    ) -> Vec<M> {
+        let mut x = executor.layer(&self.stem, image, None, true);
         let mut maps = Vec::new();
         for block in &self.blocks {
-            x = block.forward(&x, workspace);
+            x = block.forward(&x, executor);
             if block.config.read {
-                maps.push(x.copied());
+                maps.push(x.clone());
             }
         }
         maps
     }
 }
 
-impl Inverted {
-    fn forward(&self, x: &Map, workspace: &Workspace) -> Map {
+impl<L> Inverted<L> {
+    fn forward<M: Clone>(&self, x: &M, executor: &impl Executor<Layer = L, Map = M>) -> M {
         let expanded = self.expand.as_ref();
-        let expanded = expanded.map(|layer| workspace.layer(layer, x, None, true));
+        let expanded = expanded.map(|layer| executor.layer(layer, x, None, true));
         let expanded = expanded.as_ref().unwrap_or(x);
-        let inner = workspace.layer(&self.depthwise, expanded, None, true);
         let skip = self.config.adds().then_some(x);
-        workspace.layer(&self.project, &inner, skip, false)
+        executor.separable(&self.depthwise, &self.project, expanded, skip)
     }
 }
 

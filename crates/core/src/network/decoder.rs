@@ -1,35 +1,34 @@
 //! A feature pyramid (Lin et al. 2017): from a backbone's maps at each resolution to one at a quarter of the image's.
 
 use super::config::BackboneConfig;
-use super::map::Map;
+use super::executor::{Executor, Prepare};
 use super::tensors::Tensors;
-use super::workspace::Workspace;
 use crate::error::WeightsError;
-use lsdc_kernels::conv::{ConvSpec, Layer};
+use lsdc_kernels::conv::ConvSpec;
 
 /// The pyramid, and the layers that read its finest level.
 #[derive(Debug)]
-pub(super) struct Decoder {
+pub(super) struct Decoder<L> {
     /// The finest first.
-    levels: Vec<Level>,
+    levels: Vec<Level<L>>,
     /// Added to the features of the extractor.
-    pub(super) features: Layer,
+    pub(super) features: L,
     /// The logarithm of the map of depth, if the network suggests one.
-    pub(super) map: Option<Layer>,
+    pub(super) map: Option<L>,
 }
 
 #[derive(Debug)]
-struct Level {
-    lateral: Layer,
-    mix: Layer,
+struct Level<L> {
+    lateral: L,
+    mix: L,
 }
 
-impl Decoder {
+impl<L> Decoder<L> {
     pub(super) fn new(
         config: BackboneConfig,
         features: usize,
         mean: bool,
-        tensors: &Tensors<'_>,
+        tensors: &Tensors<'_, impl Prepare<Layer = L>>,
     ) -> Result<Self, WeightsError> {
         let (own, pointwise) = (config.decoder, ConvSpec::pointwise());
         let name = |part: &str| format!("extractor.decoder.{part}");
@@ -50,16 +49,19 @@ impl Decoder {
     }
 
     /// The last level from the outputs of the backbone, the finest first.
-    pub(super) fn forward(&self, maps: Vec<Map>, workspace: &Workspace) -> Map {
-        let mut coarser: Option<Map> = None;
-        for (map, level) in maps.into_iter().zip(&self.levels).rev() {
-            let mut x = workspace.layer(&level.lateral, &map, None, false);
+    pub(super) fn forward<M: Clone>(
+        &self,
+        maps: Vec<M>,
+        executor: &impl Executor<Layer = L, Map = M>,
+    ) -> Option<M> {
+        let levels = maps.into_iter().zip(&self.levels).rev();
+        levels.fold(None, |coarser, (map, level)| {
+            let x = match coarser {
+                None => executor.layer(&level.lateral, &map, None, false),
+                Some(coarser) => executor.layer_plus_enlarged(&level.lateral, &map, &coarser),
+            };
             drop(map);
-            if let Some(coarser) = coarser.take() {
-                x.add_enlarged(&coarser);
-            }
-            coarser = Some(workspace.layer(&level.mix, &x, None, true));
-        }
-        coarser.unwrap_or_default()
+            Some(executor.layer(&level.mix, &x, None, true))
+        })
     }
 }

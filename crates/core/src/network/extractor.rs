@@ -3,60 +3,59 @@
 use super::backbone::Backbone;
 use super::config::{ExtractorConfig, StageConfig};
 use super::decoder::Decoder;
-use super::map::Map;
+use super::executor::{Executor, Prepare};
 use super::tensors::Tensors;
-use super::workspace::Workspace;
 use crate::error::WeightsError;
-use lsdc_kernels::conv::{ConvSpec, Layer};
-use lsdc_kernels::schedule::InTasks;
-use lsdc_kernels::simd::Level;
-use rayon::prelude::*;
+use lsdc_kernels::conv::ConvSpec;
 
 #[derive(Debug)]
-pub(super) struct Extractor {
-    stem: Vec<Layer>,
-    half: Vec<Block>,
-    quarter: Vec<Block>,
+pub(super) struct Extractor<L> {
+    stem: Vec<L>,
+    half: Vec<Block<L>>,
+    quarter: Vec<Block<L>>,
     /// Wider, then dilated.
-    skip: Vec<Block>,
-    /// Pool size and convolution of each branch.
-    branches: Vec<(usize, Layer)>,
+    skip: Vec<Block<L>>,
+    /// The pool size of each branch.
+    pools: Vec<usize>,
+    /// The convolution of each branch.
+    branches: Vec<L>,
     /// Of the encoder's features, at their resolution.
-    encoded: Vec<Layer>,
-    merge: Layer,
-    project: Layer,
+    encoded: Vec<L>,
+    merge: L,
+    project: L,
     /// Blocks at lower and lower resolutions, and what each adds to the features.
-    context: Vec<(Vec<Block>, Layer)>,
-    backbone: Option<(Backbone, Decoder)>,
-    sharpen: Option<Sharpen>,
+    context: Vec<(Vec<Block<L>>, L)>,
+    backbone: Option<(Backbone<L>, Decoder<L>)>,
+    sharpen: Option<Sharpen<L>>,
 }
 
 /// What an extractor yields.
-pub(super) struct ExtractorOutput {
+#[derive(Clone, Debug)]
+pub struct ExtractorOutput<M> {
     /// At a quarter of the image's resolution, or at half of it if they are sharpened.
-    pub(super) features: Map,
+    pub features: M,
     /// The logarithm of the map of depth that a backbone predicts, at the same resolution.
-    pub(super) logarithm: Option<Map>,
+    pub logarithm: Option<M>,
 }
 
 #[derive(Debug)]
-struct Sharpen {
-    lateral: Layer,
-    mix: Vec<Layer>,
-    last: Layer,
+struct Sharpen<L> {
+    lateral: L,
+    mix: Vec<L>,
+    last: L,
 }
 
 #[derive(Debug)]
-struct Block {
-    first: Layer,
-    second: Layer,
-    shortcut: Option<Layer>,
+struct Block<L> {
+    first: L,
+    second: L,
+    shortcut: Option<L>,
 }
 
-impl Block {
+impl<L> Block<L> {
     /// A run of blocks, of which the first changes width and resolution.
     fn stage(
-        tensors: &Tensors<'_>,
+        tensors: &Tensors<'_, impl Prepare<Layer = L>>,
         name: &str,
         from: usize,
         config: StageConfig,
@@ -91,28 +90,28 @@ impl Block {
         (0..config.blocks).map(block).collect()
     }
 
-    fn forward(&self, x: Map, workspace: &Workspace) -> Map {
-        let inner = workspace.layer(&self.first, &x, None, true);
+    fn forward<M: Clone>(&self, x: M, executor: &impl Executor<Layer = L, Map = M>) -> M {
+        let inner = executor.layer(&self.first, &x, None, true);
         let shortcut = match &self.shortcut {
             None => x,
             Some(layer) => {
-                let shortcut = workspace.layer(layer, &x, None, false);
+                let shortcut = executor.layer(layer, &x, None, false);
                 drop(x);
                 shortcut
             }
         };
-        workspace.layer(&self.second, &inner, Some(&shortcut), false)
+        executor.layer(&self.second, &inner, Some(&shortcut), false)
     }
 }
 
-impl Extractor {
+impl<L> Extractor<L> {
     /// `channels` are those of the encoder's features, if there is an encoder; `mean` is whether the network predicts a
     /// map of depth.
     pub(super) fn new(
         config: &ExtractorConfig,
         channels: Option<usize>,
         mean: bool,
-        tensors: &Tensors<'_>,
+        tensors: &Tensors<'_, impl Prepare<Layer = L>>,
     ) -> Result<Self, WeightsError> {
         let (plain, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
         let (halving, dilated) = (ConvSpec::halving(), ConvSpec::same(2));
@@ -134,12 +133,11 @@ impl Extractor {
             dilated,
             dilated,
         )?);
-        let branch = |(i, &pool): (usize, &usize)| {
+        let branch = |i: usize| {
             let name = format!("extractor.branches.{i}");
-            let sizes = [config.branch, fourth.width, 1];
-            Ok((pool, tensors.conv_norm(&name, sizes, pointwise)?))
+            tensors.conv_norm(&name, [config.branch, fourth.width, 1], pointwise)
         };
-        let branches = config.pools.iter().enumerate().map(branch);
+        let branches = (0..config.pools.len()).map(branch);
         let encoded = |channels: usize| {
             let name = |part: &str| format!("extractor.encoded.{part}");
             let width = config.encoder;
@@ -167,7 +165,8 @@ impl Extractor {
             half: Block::stage(tensors, "half", config.stem, first, plain, plain)?,
             quarter: Block::stage(tensors, "quarter", first.width, second, halving, plain)?,
             skip,
-            branches: branches.collect::<Result<_, WeightsError>>()?,
+            pools: config.pools.clone(),
+            branches: branches.collect::<Result<_, _>>()?,
             encoded: channels.map(encoded).transpose()?.unwrap_or_default(),
             merge: tensors.conv_norm("extractor.merge", [config.merge, merged, 3], plain)?,
             project: tensors.conv("extractor.project", project, pointwise)?,
@@ -186,60 +185,61 @@ impl Extractor {
         })
     }
 
-    pub(super) fn forward(
+    pub(super) fn forward<M: Clone>(
         &self,
-        image: &Map,
-        encoded: Option<&Map>,
-        workspace: &Workspace,
-    ) -> ExtractorOutput {
-        let stage = |blocks: &[Block], x: Map| {
+        image: &M,
+        encoded: Option<&M>,
+        executor: &impl Executor<Layer = L, Map = M>,
+    ) -> ExtractorOutput<M> {
+        let stage = |blocks: &[Block<L>], x: M| {
             let blocks = blocks.iter();
-            blocks.fold(x, |x, block| block.forward(x, workspace))
+            blocks.fold(x, |x, block| block.forward(x, executor))
         };
-        let x = workspace.layers(&self.stem, image.copied());
+        let x = executor.layers(&self.stem, image.clone());
         let half = stage(&self.half, x);
-        let half_copy = self.sharpen.as_ref().map(|_| half.copied());
+        let sharpened = self.sharpen.as_ref().map(|_| half.clone());
         let raw = stage(&self.quarter, half);
-        let skip = stage(&self.skip, raw.copied());
-        let branch = |(size, layer): &(usize, Layer)| {
-            let pooled = averages(&skip, *size);
-            workspace.layer(layer, &pooled, None, true)
-        };
-        let mut branches: Vec<Map> = self.branches.iter().map(branch).collect();
-        branches.extend(encoded.map(|map| workspace.layers(&self.encoded, map.copied())));
-        let all = concatenated(&raw, &skip, &branches);
+        let skip = stage(&self.skip, raw.clone());
+        let pooled = executor.averages(&skip, &self.pools);
+        let branches = self.branches.iter().zip(pooled);
+        let branch = |(layer, pooled): (&L, M)| executor.layer(layer, &pooled, None, true);
+        let mut branches: Vec<M> = branches.map(branch).collect();
+        branches.extend(encoded.map(|map| executor.layers(&self.encoded, map.clone())));
+        let all = executor.concatenated([&raw, &skip], &branches);
         drop((raw, branches));
-        let merged = workspace.layer(&self.merge, &all, None, true);
+        let merged = executor.layer(&self.merge, &all, None, true);
         drop(all);
-        let mut features = workspace.layer(&self.project, &merged, None, false);
+        let mut features = executor.layer(&self.project, &merged, None, false);
         drop(merged);
         let mut x = skip;
         for (blocks, project) in &self.context {
             x = stage(blocks, x);
-            features.add_enlarged(&workspace.layer(project, &x, None, false));
+            features = executor.plus_enlarged_layer(features, project, &x);
         }
         drop(x);
         let mut logarithm = None;
         if let Some((backbone, decoder)) = &self.backbone {
-            let decoded = decoder.forward(backbone.forward(image, workspace), workspace);
-            features.add_enlarged(&workspace.layer(&decoder.features, &decoded, None, false));
-            let map = decoder.map.as_ref();
-            logarithm = map.map(|layer| workspace.layer(layer, &decoded, None, false));
+            let decoded = decoder.forward(backbone.forward(image, executor), executor);
+            if let Some(decoded) = decoded {
+                features = executor.plus_enlarged_layer(features, &decoder.features, &decoded);
+                let map = decoder.map.as_ref();
+                logarithm = map.map(|layer| executor.layer(layer, &decoded, None, false));
+            }
         }
-        let features = match (&self.sharpen, half_copy) {
-            (Some(sharpen), Some(half)) => sharpen.forward(features, half, workspace),
+        let features = match (&self.sharpen, sharpened) {
+            (Some(sharpen), Some(half)) => sharpen.forward(features, half, executor),
             _ => features,
         };
         ExtractorOutput {
-            logarithm: logarithm.map(|map| map.enlarged(features.height, features.width)),
+            logarithm: logarithm.map(|map| executor.enlarged(&map, &features)),
             features,
         }
     }
 }
 
-impl Sharpen {
+impl<L> Sharpen<L> {
     fn new(
-        tensors: &Tensors<'_>,
+        tensors: &Tensors<'_, impl Prepare<Layer = L>>,
         half: usize,
         features: usize,
         layers: usize,
@@ -257,73 +257,17 @@ impl Sharpen {
         })
     }
 
-    fn forward(&self, features: Map, half: Map, workspace: &Workspace) -> Map {
-        let enlarged = features.enlarged(half.height, half.width);
+    fn forward<M: Clone>(
+        &self,
+        features: M,
+        half: M,
+        executor: &impl Executor<Layer = L, Map = M>,
+    ) -> M {
+        let enlarged = executor.enlarged(&features, &half);
         drop(features);
-        let x = workspace.layer(&self.lateral, &half, Some(&enlarged), false);
+        let x = executor.layer(&self.lateral, &half, Some(&enlarged), false);
         drop(half);
-        let x = workspace.layers(&self.mix, x);
-        workspace.layer(&self.last, &x, Some(&enlarged), false)
+        let x = executor.layers(&self.mix, x);
+        executor.layer(&self.last, &x, Some(&enlarged), false)
     }
-}
-
-/// Concatenates the channels of all maps, the branches enlarged bilinearly.
-fn concatenated(raw: &Map, skip: &Map, branches: &[Map]) -> Map {
-    let maps = [raw, skip].into_iter().chain(branches);
-    let channels: usize = maps.map(Map::channels).sum();
-    let mut all = raw.pool.take(raw.height, raw.width, channels);
-    let level = Level::here();
-    let rows = all.values.par_chunks_exact_mut(raw.width * channels);
-    rows.enumerate().each(|(y, row)| {
-        level.vectorised(
-            #[inline(always)]
-            || {
-                for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-                    let mut remaining = pixel;
-                    for map in [raw, skip] {
-                        let (own, others) = remaining.split_at_mut(map.channels());
-                        let from = (y * raw.width + x) * own.len();
-                        own.copy_from_slice(&map.values[from..from + own.len()]);
-                        remaining = others;
-                    }
-                    for map in branches {
-                        let (own, others) = remaining.split_at_mut(map.channels());
-                        map.enlarged_pixel((y, raw.height), (x, raw.width), own);
-                        remaining = others;
-                    }
-                }
-            },
-        );
-    });
-    all
-}
-
-/// Means over windows of `size` pixels, cut off at the end.
-fn averages(map: &Map, size: usize) -> Map {
-    let (height, width) = (map.height.div_ceil(size), map.width.div_ceil(size));
-    let channels = map.channels();
-    let mut output = map.pool.take(height, width, channels);
-    output.values.fill(0.0);
-    let rows = output
-        .values
-        .par_chunks_exact_mut(width * channels)
-        .enumerate();
-    rows.each(|(window_row, sums)| {
-        let rows = window_row * size..((window_row + 1) * size).min(map.height);
-        for y in rows.clone() {
-            let row = &map.values[y * map.width * channels..][..map.width * channels];
-            for (x, pixel) in row.chunks_exact(channels).enumerate() {
-                let sum = &mut sums[x / size * channels..][..channels];
-                sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += v);
-            }
-        }
-        for (window, sum) in sums.chunks_exact_mut(channels).enumerate() {
-            let columns = size.min(map.width - window * size);
-            let scale = 1.0 / (rows.len() * columns) as f32;
-            for value in sum {
-                *value *= scale;
-            }
-        }
-    });
-    output
 }

@@ -2,10 +2,11 @@
 
 use super::config::NetworkConfig;
 use super::encoding;
+use super::executor::Prepare;
 use super::extractor::ExtractorOutput;
 use super::grid::{CodeLayers, GridCache, PositionGrid, distinct_coordinates};
 use super::map::Map;
-use super::tensors::Tensors;
+use super::tensors::{Linear, Tensors};
 use crate::error::WeightsError;
 use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
@@ -28,9 +29,63 @@ pub(super) struct Head {
     grids: GridCache,
 }
 
+/// The weights of the MLP as they are stored, with normalisation folded into them.
+#[derive(Clone, Debug)]
+pub struct HeadWeights {
+    /// The hidden layers; the inputs of the first are features, codes of columns, and codes of rows.
+    pub hidden: Vec<Linear>,
+    /// Number of features.
+    pub features: usize,
+    /// Octaves of the positional encoding, see [`codes`](super::codes).
+    pub octaves: usize,
+    /// From the last hidden layer to the N basis functions, without bias.
+    pub last: Linear,
+    /// The first function, which is not among the N.
+    pub first: FirstFunction,
+}
+
+impl HeadWeights {
+    pub(super) fn new(
+        config: &NetworkConfig,
+        tensors: &Tensors<'_, impl Prepare>,
+    ) -> Result<Self, WeightsError> {
+        if config.hidden.is_empty() {
+            return Err(WeightsError::Unsupported("its MLP has no hidden layer"));
+        }
+        let features = config.extractor.features;
+        let mut from = features + encoding::channels(config.octaves);
+        let mut hidden = Vec::new();
+        for (i, &to) in config.hidden.iter().enumerate() {
+            hidden.push(tensors.linear_norm(&format!("head.hidden.{i}"), (from, to))?);
+            from = to;
+        }
+        let functions = config.bases;
+        let last = tensors.values("head.last.weight", &[from, functions])?;
+        let first = match (config.mean, config.extractor.backbone) {
+            (false, _) => FirstFunction::Constant,
+            (true, Some(_)) => FirstFunction::Extractor,
+            (true, None) => {
+                let weights = tensors.values("head.mean.weight", &[from, 1])?;
+                FirstFunction::Hidden(weights.to_vec())
+            }
+        };
+        Ok(Self {
+            hidden,
+            features,
+            octaves: config.octaves,
+            last: Linear {
+                columns: functions,
+                values: last.to_vec(),
+                bias: Vec::new(),
+            },
+            first,
+        })
+    }
+}
+
 /// The first of the basis functions.
-#[derive(Debug)]
-enum FirstFunction {
+#[derive(Clone, Debug)]
+pub enum FirstFunction {
     /// 1 everywhere.
     Constant,
     /// A map, whose logarithm is the last hidden layer times these weights.
@@ -45,7 +100,7 @@ pub(super) struct HeadInput {
     /// The first hidden layer on the features alone, at their resolution.
     hidden: Map,
     /// The logarithm of the first function there, if the extractor predicts it.
-    logarithm: Option<Map>,
+    logarithm: Option<Arc<Map>>,
 }
 
 /// The logarithm of the first function is limited to this magnitude.
@@ -60,49 +115,36 @@ const PLACES: usize = 1 << 13;
 const ROW_PADDING: usize = 16;
 
 impl Head {
-    pub(super) fn new(config: &NetworkConfig, tensors: &Tensors<'_>) -> Result<Self, WeightsError> {
-        let level = tensors.level;
-        let Some((&width, others)) = config.hidden.split_first() else {
+    pub(super) fn new(level: Level, weights: HeadWeights) -> Result<Self, WeightsError> {
+        let HeadWeights {
+            hidden,
+            features,
+            octaves,
+            last,
+            first: first_function,
+        } = weights;
+        let Some((first, others)) = hidden.split_first() else {
             return Err(WeightsError::Unsupported("its MLP has no hidden layer"));
         };
-        let (features, codes) = (config.extractor.features, 2 * config.octaves);
-        let depth = features + encoding::channels(config.octaves);
-        let first = tensors.linear_norm("head.hidden.0", (depth, width))?;
-        let mut hidden = Vec::new();
-        let mut from = width;
-        for (i, &to) in others.iter().enumerate() {
-            let layer = tensors.linear_norm(&format!("head.hidden.{}", i + 1), (from, to))?;
-            hidden.push(layer.packed(level, 0..from, &layer.bias));
-            from = to;
-        }
-        let functions = config.bases;
-        let weights = tensors.values("head.last.weight", &[from, functions])?;
-        let first_function = match (config.mean, config.extractor.backbone) {
-            (false, _) => FirstFunction::Constant,
-            (true, Some(_)) => FirstFunction::Extractor,
-            (true, None) => {
-                let weights = tensors.values("head.mean.weight", &[from, 1])?;
-                FirstFunction::Hidden(weights.to_vec())
-            }
-        };
-        let last = |row: usize, column: usize| weights[row * functions + column];
+        let (codes, depth) = (features + 2 * octaves, first.rows());
+        let packed = |layer: &Linear| layer.packed(level, 0..layer.rows(), &layer.bias);
         Ok(Self {
             level,
             features: first.packed(level, 0..features, &[]),
             positions: CodeLayers {
-                columns: first.packed(level, features..features + codes, &first.bias),
-                rows: first.packed(level, features + codes..depth, &[]),
-                octaves: config.octaves,
+                columns: first.packed(level, features..codes, &first.bias),
+                rows: first.packed(level, codes..depth, &[]),
+                octaves,
             },
-            hidden,
-            last: Packed::new(level, (from, functions), &[], last),
-            weights: weights.to_vec(),
+            hidden: others.iter().map(packed).collect(),
+            last: packed(&last),
+            weights: last.values,
             first: first_function,
             grids: GridCache::default(),
         })
     }
 
-    pub(super) fn input(&self, output: ExtractorOutput) -> HeadInput {
+    pub(super) fn input(&self, output: ExtractorOutput<Arc<Map>>) -> HeadInput {
         let ExtractorOutput {
             features,
             logarithm,

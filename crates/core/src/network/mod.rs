@@ -13,9 +13,11 @@ mod config;
 mod decoder;
 mod encoder;
 mod encoding;
+mod executor;
 mod extractor;
 mod grid;
 mod head;
+mod layers;
 mod map;
 mod tensors;
 mod workspace;
@@ -31,19 +33,22 @@ pub use encoder::{
     in_patches, positions,
 };
 pub use encoding::{channels, codes};
-pub use head::MAX_LOG_DEPTH;
+pub use executor::{Executor, Prepare};
+pub use extractor::ExtractorOutput;
+pub use head::{FirstFunction, HeadWeights, MAX_LOG_DEPTH};
+pub use layers::NetworkLayers;
 
 use crate::error::{Error, WeightsError};
 use crate::tensor::Tensor;
-use affinity_net::AffinityNet;
 use colour_affinity::affinities;
-use extractor::Extractor;
 use head::{Head, HeadInput};
+use lsdc_kernels::conv::Layer;
 use lsdc_kernels::simd::Level;
 use map::Map;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::sync::Arc;
+pub use tensors::Linear;
 use tensors::Tensors;
 use workspace::Workspace;
 
@@ -97,9 +102,8 @@ pub struct CpuNetwork(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     encoder: Option<Arc<Encoder>>,
-    extractor: Extractor,
+    layers: NetworkLayers<Layer>,
     head: Head,
-    affinities: Option<AffinityNet>,
     workspace: Workspace,
 }
 
@@ -121,19 +125,13 @@ impl CpuNetwork {
             (_, Some(encoder)) => Some(encoder),
             (_, None) => return Err(WeightsError::NoEncoder.into()),
         };
-        if config.norm == NormKind::Group {
-            let why = "group normalisation depends on the image";
-            return Err(WeightsError::Unsupported(why).into());
-        }
         let tensors = Tensors::new(tensors, level);
         let channels = encoder.as_ref().map(|encoder| encoder.config().channels());
-        let affinities =
-            (config.affinities > 0).then(|| AffinityNet::new(config, channels, &tensors));
+        let (layers, head) = NetworkLayers::of(config, channels, &tensors)?;
         let inner = Inner {
-            extractor: Extractor::new(&config.extractor, channels, config.mean, &tensors)?,
+            layers,
             encoder,
-            head: Head::new(config, &tensors)?,
-            affinities: affinities.transpose()?,
+            head: Head::new(level, head)?,
             workspace: Workspace::default(),
         };
         tensors.check_all_used()?;
@@ -144,18 +142,18 @@ impl CpuNetwork {
 impl Network for CpuNetwork {
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
         let pool = &self.0.workspace.pool;
-        let encode = |encoder: &Arc<Encoder>| -> Result<Map, Error> {
+        let encode = |encoder: &Arc<Encoder>| -> Result<Arc<Map>, Error> {
             let channels = encoder.config().channels();
             let FeatureMap {
                 rows,
                 columns,
                 values,
             } = encoder.encode(image, size)?;
-            Ok(pool.copy(&values, rows, columns, channels))
+            Ok(Arc::new(pool.copy(&values, rows, columns, channels)))
         };
         Ok(Box::new(CpuForward {
             encoded: self.0.encoder.as_ref().map(encode).transpose()?,
-            image: pool.copy(image, size.0, size.1, 3),
+            image: Arc::new(pool.copy(image, size.0, size.1, 3)),
             network: self.clone(),
         }))
     }
@@ -176,8 +174,8 @@ impl Network for CpuNetwork {
 #[derive(Debug)]
 struct CpuForward {
     network: CpuNetwork,
-    image: Map,
-    encoded: Option<Map>,
+    image: Arc<Map>,
+    encoded: Option<Arc<Map>>,
 }
 
 impl Forward for CpuForward {
@@ -186,7 +184,7 @@ impl Forward for CpuForward {
         // On a thread of the pool, or each of some sixty layers would wake and await it anew.
         let input = rayon::scope(|_| {
             let (image, encoded) = (&self.image, self.encoded.as_ref());
-            let output = inner.extractor.forward(image, encoded, &inner.workspace);
+            let output = inner.layers.features(image, encoded, &inner.workspace);
             inner.head.input(output)
         });
         Box::new(CpuBasis {
@@ -198,9 +196,9 @@ impl Forward for CpuForward {
     fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
         let inner = &*self.network.0;
         let size = (self.image.height, self.image.width);
-        let changes = inner.affinities.as_ref().map(|network| {
+        let changes = rayon::scope(|_| {
             let encoded = self.encoded.as_ref();
-            rayon::scope(|_| network.forward(&self.image, encoded, &inner.workspace))
+            (inner.layers).affinity_changes(&self.image, encoded, &inner.workspace)
         });
         let changes = changes.as_ref().map(|map| &map.values[..]);
         (affinities(&self.image.values, size, changes), size)

@@ -1,29 +1,40 @@
 //! Layers from the tensors of a weights file, by name.
 
 use super::config::EPSILON;
+use super::executor::Prepare;
 use crate::error::WeightsError;
 use crate::tensor::Tensor;
-use lsdc_kernels::conv::{ConvSpec, Layer};
+use lsdc_kernels::conv::ConvSpec;
 use lsdc_kernels::simd::{Level, Packed};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 /// Tensors, and which of them have been used.
-pub(super) struct Tensors<'a> {
+pub(super) struct Tensors<'a, P = Level> {
     all: &'a BTreeMap<String, Tensor>,
     used: RefCell<BTreeSet<&'a str>>,
-    pub(super) level: Level,
+    /// What layers are prepared for.
+    pub(super) target: P,
 }
 
-/// A linear map of rows `[depth, columns]` with bias.
-pub(super) struct Linear {
-    columns: usize,
-    values: Vec<f32>,
-    pub(super) bias: Vec<f32>,
+/// A linear map of rows, with bias.
+#[derive(Clone, Debug)]
+pub struct Linear {
+    /// The number of outputs.
+    pub columns: usize,
+    /// Weights `[inputs, columns]`.
+    pub values: Vec<f32>,
+    /// One for each output.
+    pub bias: Vec<f32>,
 }
 
 impl Linear {
+    /// The number of inputs.
+    pub fn rows(&self) -> usize {
+        self.values.len() / self.columns.max(1)
+    }
+
     /// Some rows, with a bias of their own.
     pub(super) fn packed(&self, level: Level, rows: Range<usize>, bias: &[f32]) -> Packed {
         let at =
@@ -32,12 +43,12 @@ impl Linear {
     }
 }
 
-impl<'a> Tensors<'a> {
-    pub(super) fn new(tensors: &'a BTreeMap<String, Tensor>, level: Level) -> Self {
+impl<'a, P: Prepare> Tensors<'a, P> {
+    pub(super) fn new(tensors: &'a BTreeMap<String, Tensor>, target: P) -> Self {
         Self {
             all: tensors,
             used: RefCell::default(),
-            level,
+            target,
         }
     }
 
@@ -95,11 +106,11 @@ impl<'a> Tensors<'a> {
         name: &str,
         sizes: [usize; 3],
         spec: ConvSpec,
-    ) -> Result<Layer, WeightsError> {
+    ) -> Result<P::Layer, WeightsError> {
         let [outputs, channels, taps] = sizes;
         let name = format!("{name}.weight");
         let values = self.values(&name, &[outputs, channels, taps, taps])?;
-        Ok(Layer::new(self.level, values, sizes, &[], spec))
+        Ok(self.target.layer(values, sizes, &[], spec))
     }
 
     /// A convolution and the normalisation behind it, as one.
@@ -108,7 +119,7 @@ impl<'a> Tensors<'a> {
         name: &str,
         sizes: [usize; 3],
         spec: ConvSpec,
-    ) -> Result<Layer, WeightsError> {
+    ) -> Result<P::Layer, WeightsError> {
         let [outputs, channels, taps] = sizes;
         let weight = format!("{name}.conv.weight");
         let values = self.values(&weight, &[outputs, channels, taps, taps])?;
@@ -120,7 +131,7 @@ impl<'a> Tensors<'a> {
                 *value *= slope;
             }
         }
-        Ok(Layer::new(self.level, &values, sizes, &bias, spec))
+        Ok(self.target.layer(&values, sizes, &bias, spec))
     }
 
     /// A linear map and the normalisation behind it, as one.

@@ -24,16 +24,24 @@ pub fn open_completer(weights: Option<&Path>, device: &Device) -> Result<Complet
     completer(&open_weights(weights)?, device)
 }
 
-/// Weights with the fit that they were trained for: prepared for the CPU where that is possible, on
+/// Weights with the fit that they were trained for: prepared for the CPU or a GPU where that is possible, on
 /// burn's tensors elsewhere.
 ///
 /// # Errors
-/// Weights that do not belong to their network.
+/// Weights that do not belong to their network, and a GPU that cannot be opened.
 pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
     let network = &weights.network;
     let prepared = network.norm == NormKind::Batch && !network.hidden.is_empty();
     if *device == Device::flex() && prepared {
         return lsdc_weights::completer(weights);
+    }
+    #[cfg(feature = "wgpu")]
+    if lsdc_gpu::supports(network)
+        && let Some(gpu) = crate::device::gpu(device)?
+    {
+        let network = lsdc_gpu::GpuNetwork::new(weights, &gpu)?;
+        let builder = Completer::builder(weights).network(Arc::new(network));
+        return Ok(builder.build()?);
     }
     plain_completer(weights, device)
 }

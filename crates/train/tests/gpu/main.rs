@@ -12,11 +12,13 @@ use burn::tensor::Device;
 use lsdc_core::fit::FitConfig;
 use lsdc_core::network::{ExtractorConfig, NetworkConfig};
 use lsdc_core::weights::Normalisation;
+use lsdc_core::{Completer, Weights};
 use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use lsdc_eval::predict::complete;
 use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_files::error::Result;
 use lsdc_train::model::InitNetwork as _;
-use lsdc_train::predict::open_completer;
+use lsdc_train::predict::{completer, plain_completer};
 use lsdc_train::sample::{self, AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
 use lsdc_train::training::{Learner, TrainConfig};
 use std::sync::{Arc, LazyLock};
@@ -44,6 +46,9 @@ fn gpu() -> Option<Device> {
     FOUND.clone()
 }
 
+/// Opens weights on a device.
+type Open = fn(&Weights, &Device) -> Result<Completer>;
+
 /// The largest difference over the largest value.
 fn off(found: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(found.len(), expected.len());
@@ -59,22 +64,30 @@ fn completion_agrees() {
     let rooms = Rooms::new(Split::Val, &RoomsConfig::default()).unwrap();
     let frame = rooms.load(0).unwrap();
     let sparse = Pattern::Exactly(300).draw(&frame, 0).unwrap();
-    let on = |device: &Device| {
-        let completer = open_completer(None, device).unwrap();
+    let weights = Weights::builtin();
+    let on = |open: Open, device: &Device| {
+        let completer = open(&weights, device).unwrap();
         let completer = completer.with_working_size(57, 76).unwrap();
         complete(&completer, &frame.rgb, &sparse)
             .unwrap()
             .depth()
             .unwrap()
     };
-    let (here, there) = (on(&Device::flex()), on(&gpu));
-    let squares = here
-        .values()
-        .iter()
-        .zip(there.values())
-        .map(|(a, b)| f64::from(a - b).powi(2));
-    let rms = (squares.sum::<f64>() / here.values().len() as f64).sqrt();
-    assert!(rms < 2e-3, "{rms} m");
+    let here = on(completer, &Device::flex());
+    // Prepared for GPUs, and on burn's tensors.
+    for open in [completer as Open, plain_completer] {
+        let there = on(open, &gpu);
+        let squares = here
+            .values()
+            .iter()
+            .zip(there.values())
+            .map(|(a, b)| f64::from(a - b).powi(2));
+        let rms = (squares.sum::<f64>() / here.values().len() as f64).sqrt();
+        assert!(rms < 2e-3, "{rms} m");
+    }
+    let opened = lsdc_train::device::gpu(&gpu).unwrap().unwrap();
+    let launches = opened.traffic().map(|(_, traffic)| traffic.launches);
+    assert!(launches.iter().sum::<u64>() > 0);
 }
 
 #[test]

@@ -50,10 +50,10 @@ impl Block {
             };
             let bias: Vec<f32> = bias.iter().zip(&scales).map(|(b, s)| b * s).collect();
             let at = |row: usize, column: usize| weights[column * depth + row] * scales[column];
-            Ok::<_, WeightsError>(Packed::new(tensors.level, (depth, columns), &bias, at))
+            Ok::<_, WeightsError>(Packed::new(tensors.target, (depth, columns), &bias, at))
         };
         Ok(Self {
-            level: tensors.level,
+            level: tensors.target,
             width,
             heads: config.heads,
             norms: [norm("norm1")?, norm("norm2")?],

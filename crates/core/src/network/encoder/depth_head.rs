@@ -214,7 +214,7 @@ impl<'a> Parts<'a> {
         let weights = self.values(&format!("{name}.weight"), &shape)?;
         let bias = self.values(&format!("{name}.bias"), &[outputs])?;
         let sizes = [outputs, channels, taps];
-        Ok(Layer::new(self.tensors.level, weights, sizes, bias, spec))
+        Ok(Layer::new(self.tensors.target, weights, sizes, bias, spec))
     }
 }
 
@@ -292,7 +292,7 @@ impl TransposedConv {
         };
         let sizes = (channels, area * channels);
         Ok(Self {
-            weights: Packed::new(parts.tensors.level, sizes, &bias.repeat(area), at),
+            weights: Packed::new(parts.tensors.target, sizes, &bias.repeat(area), at),
             factor,
         })
     }

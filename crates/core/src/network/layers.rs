@@ -1,0 +1,81 @@
+//! All layers of a network, for any executor.
+
+use super::affinity_net::AffinityNet;
+use super::config::{NetworkConfig, NormKind};
+use super::executor::{Executor, Prepare};
+use super::extractor::{Extractor, ExtractorOutput};
+use super::head::HeadWeights;
+use super::tensors::Tensors;
+use crate::error::{Error, WeightsError};
+use crate::tensor::Tensor;
+use std::collections::BTreeMap;
+
+/// The convolutional layers of a network, each prepared for some [`Executor`].
+#[derive(Debug)]
+pub struct NetworkLayers<L> {
+    extractor: Extractor<L>,
+    affinities: Option<AffinityNet<L>>,
+}
+
+impl<L> NetworkLayers<L> {
+    /// The layers of a network without an encoder, from the tensors of a weights file, and the weights of its MLP.
+    ///
+    /// # Errors
+    /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, and networks on an encoder,
+    /// without fixed statistics to fold (group normalisation), or without hidden layers.
+    pub fn new(
+        config: &NetworkConfig,
+        tensors: &BTreeMap<String, Tensor>,
+        target: impl Prepare<Layer = L>,
+    ) -> Result<(Self, HeadWeights), Error> {
+        config.check()?;
+        if config.extractor.encoder > 0 {
+            return Err(WeightsError::NoEncoder.into());
+        }
+        let tensors = Tensors::new(tensors, target);
+        let layers = Self::of(config, None, &tensors)?;
+        tensors.check_all_used()?;
+        Ok(layers)
+    }
+
+    /// `channels` are those of the encoder's features, if there is an encoder.
+    pub(super) fn of(
+        config: &NetworkConfig,
+        channels: Option<usize>,
+        tensors: &Tensors<'_, impl Prepare<Layer = L>>,
+    ) -> Result<(Self, HeadWeights), WeightsError> {
+        if config.norm == NormKind::Group {
+            let why = "group normalisation depends on the image";
+            return Err(WeightsError::Unsupported(why));
+        }
+        let affinities =
+            (config.affinities > 0).then(|| AffinityNet::new(config, channels, tensors));
+        let layers = Self {
+            extractor: Extractor::new(&config.extractor, channels, config.mean, tensors)?,
+            affinities: affinities.transpose()?,
+        };
+        Ok((layers, HeadWeights::new(config, tensors)?))
+    }
+
+    /// The features of a normalised image, given those of the encoder if there is one.
+    pub fn features<M: Clone>(
+        &self,
+        image: &M,
+        encoded: Option<&M>,
+        executor: &impl Executor<Layer = L, Map = M>,
+    ) -> ExtractorOutput<M> {
+        self.extractor.forward(image, encoded, executor)
+    }
+
+    /// The changes of the affinities that follow from the colours, `[height, width, CHANGES]`; nothing without an affinity
+    /// network.
+    pub fn affinity_changes<M: Clone>(
+        &self,
+        image: &M,
+        encoded: Option<&M>,
+        executor: &impl Executor<Layer = L, Map = M>,
+    ) -> Option<M> {
+        let network = self.affinities.as_ref();
+        network.map(|network| network.forward(image, encoded, executor))
+    }
+}

@@ -1,0 +1,384 @@
+//! The launches of a network for one size of images, and where its maps lie in their buffer.
+
+use crate::device::Gpu;
+use crate::kernel::{Kernel, MOST_GROUPS, PARAMETERS, PARTS, Source, Tile, UNITS};
+use crate::traffic::Part;
+use crate::weights::{GpuLayer, NONE, quads};
+use lsdc_core::SettingsError;
+use lsdc_core::network::Executor;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+use std::sync::Arc;
+use wgpu::{BindGroup, Buffer, BufferDescriptor, BufferUsages, CommandEncoder, ComputePipeline};
+
+/// Quads of a buffer that are in use, and how many were at most.
+#[derive(Debug, Default)]
+struct Arena {
+    /// From the start of each region to its end.
+    used: BTreeMap<usize, usize>,
+    most: usize,
+}
+
+impl Arena {
+    /// The start of the first gap of some length.
+    fn take(&mut self, length: usize) -> usize {
+        let mut start = 0;
+        for (&next, &end) in &self.used {
+            if next - start >= length {
+                break;
+            }
+            start = end;
+        }
+        self.used.insert(start, start + length);
+        self.most = self.most.max(start + length);
+        start
+    }
+}
+
+/// A map `[height, width, quads]` in the buffer, until the last of its clones is dropped.
+#[derive(Clone, Debug)]
+pub(crate) struct Map(Rc<Region>);
+
+#[derive(Debug)]
+struct Region {
+    arena: Rc<RefCell<Arena>>,
+    place: Place,
+}
+
+impl Drop for Region {
+    fn drop(&mut self) {
+        self.arena.borrow_mut().used.remove(&self.place.offset);
+    }
+}
+
+/// Where a map lies.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    /// In quads.
+    pub(crate) offset: usize,
+    pub(crate) height: usize,
+    pub(crate) width: usize,
+    /// Of each pixel.
+    pub(crate) quads: usize,
+}
+
+impl Place {
+    pub(crate) fn pixels(self) -> usize {
+        self.height * self.width
+    }
+
+    /// Bytes from the start of the buffer, and of the map.
+    pub(crate) fn bytes(self) -> (u64, u64) {
+        let quads = self.pixels() * self.quads;
+        (16 * self.offset as u64, 16 * quads as u64)
+    }
+
+    fn parameters(self) -> [u32; 4] {
+        [self.offset, self.height, self.width, self.quads].map(|v| v as u32)
+    }
+}
+
+impl Map {
+    pub(crate) fn place(&self) -> Place {
+        self.0.place
+    }
+}
+
+/// A launch.
+#[derive(Debug)]
+struct Step {
+    kernel: Kernel,
+    parameters: Vec<[u32; 4]>,
+    groups: [usize; 3],
+}
+
+/// Records the layers of a network.
+#[derive(Debug, Default)]
+pub(crate) struct Recorder {
+    arena: Rc<RefCell<Arena>>,
+    steps: RefCell<Vec<Step>>,
+}
+
+/// What is added to the output of a convolution.
+const NOTHING: [u32; 4] = [NONE, 1, 1, 0];
+
+impl Recorder {
+    /// A map that nothing is written to yet.
+    pub(crate) fn map(&self, (height, width): (usize, usize), quads: usize) -> Map {
+        let offset = self.arena.borrow_mut().take(height * width * quads);
+        let place = Place {
+            offset,
+            height,
+            width,
+            quads,
+        };
+        Map(Rc::new(Region {
+            arena: self.arena.clone(),
+            place,
+        }))
+    }
+
+    /// The affinities of an image, given their changes, two pixels in a quad.
+    pub(crate) fn affinities(&self, image: &Map, changes: Option<&Map>) -> Map {
+        let image = image.place();
+        let output = self.map((1, image.pixels().div_ceil(2)), 1);
+        let changes = changes.map_or(NONE, |map| map.place().offset as u32);
+        let [offset, height, width, _] = image.parameters();
+        self.launch(
+            Kernel::Affinities,
+            vec![
+                [offset, height, width, changes],
+                output.place().parameters(),
+            ],
+            spread(output.place().pixels().div_ceil(UNITS)),
+        );
+        output
+    }
+
+    /// How many launches were recorded.
+    pub(crate) fn launches(&self) -> usize {
+        self.steps.borrow().len()
+    }
+
+    fn launch(&self, kernel: Kernel, parameters: Vec<[u32; 4]>, groups: [usize; 3]) {
+        self.steps.borrow_mut().push(Step {
+            kernel,
+            parameters,
+            groups,
+        });
+    }
+
+    fn convolution(
+        &self,
+        source: Source,
+        [first, second]: [&GpuLayer; 2],
+        x: &Map,
+        size: (usize, usize),
+        (skip, relu): (Option<&Map>, bool),
+    ) -> Map {
+        let output = self.map(size, quads(second.outputs));
+        let (place, spec) = (output.place(), first.spec);
+        let window = [first.taps, spec.stride, spec.padding, spec.dilation];
+        let tile = Tile::new(place.pixels(), place.quads);
+        let [x_groups, y_groups] = tile.groups(place.pixels(), place.quads);
+        self.launch(
+            Kernel::Convolution(source, tile),
+            vec![
+                x.place().parameters(),
+                place.parameters(),
+                window.map(|v| v as u32),
+                [second.weights, second.bias, relu.into(), first.weights],
+                skip.map_or(NOTHING, |map| map.place().parameters()),
+            ],
+            [x_groups, y_groups, 1],
+        );
+        output
+    }
+}
+
+/// Groups in two directions, for kernels that number them through.
+pub(crate) fn spread(groups: usize) -> [usize; 3] {
+    let x = groups.clamp(1, MOST_GROUPS);
+    [x, groups.div_ceil(x), 1]
+}
+
+/// The size of a layer's output.
+fn output_size(layer: &GpuLayer, x: &Map) -> (usize, usize) {
+    let Place { height, width, .. } = x.place();
+    let along = |length| layer.spec.output(length, layer.taps);
+    (along(height), along(width))
+}
+
+impl Executor for Recorder {
+    type Layer = GpuLayer;
+    type Map = Map;
+
+    fn layer(&self, layer: &GpuLayer, x: &Map, skip: Option<&Map>, relu: bool) -> Map {
+        let size = output_size(layer, x);
+        let tail = (skip, relu);
+        self.convolution(Source::Convolved, [layer, layer], x, size, tail)
+    }
+
+    fn layer_plus_enlarged(&self, layer: &GpuLayer, x: &Map, coarser: &Map) -> Map {
+        let size = output_size(layer, x);
+        let tail = (Some(coarser), false);
+        self.convolution(Source::Convolved, [layer, layer], x, size, tail)
+    }
+
+    fn plus_enlarged_layer(&self, map: Map, layer: &GpuLayer, x: &Map) -> Map {
+        let Place { height, width, .. } = map.place();
+        let (size, tail) = ((height, width), (Some(&map), false));
+        self.convolution(Source::Enlarged, [layer, layer], x, size, tail)
+    }
+
+    fn separable(
+        &self,
+        depthwise: &GpuLayer,
+        pointwise: &GpuLayer,
+        x: &Map,
+        skip: Option<&Map>,
+    ) -> Map {
+        let size = output_size(depthwise, x);
+        let layers = [depthwise, pointwise];
+        self.convolution(Source::Depthwise, layers, x, size, (skip, false))
+    }
+
+    fn enlarged(&self, map: &Map, like: &Map) -> Map {
+        let Place { height, width, .. } = like.place();
+        let output = self.map((height, width), map.place().quads);
+        self.concatenation(&[map], &output);
+        output
+    }
+
+    fn averages(&self, map: &Map, sizes: &[usize]) -> Vec<Map> {
+        let Place {
+            height,
+            width,
+            quads,
+            ..
+        } = map.place();
+        let pool = |&size: &usize| self.map((height.div_ceil(size), width.div_ceil(size)), quads);
+        let pools: Vec<Map> = sizes.iter().map(pool).collect();
+        for (pools, sizes) in pools.chunks(PARTS).zip(sizes.chunks(PARTS)) {
+            let each = pools.iter().zip(sizes).map(|(pool, &size)| {
+                let [offset, height, width, _] = pool.place().parameters();
+                [offset, height, width, size as u32]
+            });
+            let most = pools.iter().map(|pool| pool.place().pixels()).max();
+            let groups = [most.unwrap_or(0), quads, pools.len()];
+            let parameters = [map.place().parameters()].into_iter().chain(each);
+            self.launch(Kernel::Averages, parameters.collect(), groups);
+        }
+        pools
+    }
+
+    fn concatenated(&self, maps: [&Map; 2], coarser: &[Map]) -> Map {
+        let all: Vec<&Map> = maps.into_iter().chain(coarser).collect();
+        let quads = all.iter().map(|map| map.place().quads).sum();
+        let Place { height, width, .. } = maps[0].place();
+        let output = self.map((height, width), quads);
+        self.concatenation(&all, &output);
+        output
+    }
+}
+
+impl Recorder {
+    fn concatenation(&self, all: &[&Map], output: &Map) {
+        let mut first = 0;
+        for maps in all.chunks(PARTS) {
+            let places = maps.iter().map(|map| map.place().parameters());
+            let count: usize = maps.iter().map(|map| map.place().quads).sum();
+            let head = [
+                output.place().parameters(),
+                [first as u32, maps.len() as u32, 0, 0],
+            ];
+            self.launch(
+                Kernel::Concatenation,
+                head.into_iter().chain(places).collect(),
+                spread((output.place().pixels() * count).div_ceil(UNITS)),
+            );
+            first += count;
+        }
+    }
+}
+
+/// Launches that are ready to be submitted, in order, and the buffer of their maps.
+#[derive(Debug)]
+pub(crate) struct Launches {
+    steps: Vec<(Arc<ComputePipeline>, [u32; 3])>,
+    group: BindGroup,
+    pub(crate) maps: Buffer,
+}
+
+impl Launches {
+    /// Prepares everything that was recorded.
+    ///
+    /// # Errors
+    /// Maps that do not fit in a buffer of the GPU, or more pixels than it launches.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        recorder: Recorder,
+        weights: &Buffer,
+    ) -> Result<Self, SettingsError> {
+        let (steps, device) = (recorder.steps.into_inner(), gpu.device());
+        let bytes = 16 * recorder.arena.borrow().most as u64;
+        let most = device.limits().max_storage_buffer_binding_size;
+        let groups = steps.iter().flat_map(|step| step.groups).max();
+        if bytes > most || groups > Some(MOST_GROUPS) {
+            let message = format!(
+                "the network needs {} MB at once for images of this working size, and `{}` has {} MB",
+                bytes / 1_000_000,
+                gpu.name(),
+                most / 1_000_000
+            );
+            return Err(SettingsError::new(message).with_hint("use a smaller working size"));
+        }
+        let buffer = |size, usage| {
+            device.create_buffer(&BufferDescriptor {
+                label: None,
+                size,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let maps = buffer(bytes, usage);
+        let mut values = vec![0_u32; steps.len() * PARAMETERS / 4];
+        for (own, step) in values.chunks_exact_mut(PARAMETERS / 4).zip(&steps) {
+            let parameters = step.parameters.as_flattened();
+            own[..parameters.len()].copy_from_slice(parameters);
+        }
+        let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let parameters = buffer((4 * values.len()) as u64, usage);
+        let part = Part::Preparation;
+        gpu.upload(part, &parameters, 0, bytemuck::cast_slice(&values));
+        let buffers = [(&maps, 0), (weights, 0), (&parameters, 0)];
+        let prepared = |step: &Step| (gpu.kernel(&step.kernel), step.groups.map(|v| v as u32));
+        Ok(Self {
+            steps: steps.iter().map(prepared).collect(),
+            group: gpu.bindings().group(device, &buffers),
+            maps,
+        })
+    }
+
+    /// Encodes some of the launches, and returns how many they are.
+    pub(crate) fn encode(
+        &self,
+        encoder: &mut CommandEncoder,
+        range: std::ops::Range<usize>,
+    ) -> u64 {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        for (number, (kernel, [x, y, z])) in self.steps[range.clone()].iter().enumerate() {
+            let offset = (range.start + number) * PARAMETERS;
+            pass.set_pipeline(kernel);
+            pass.set_bind_group(0, &self.group, &[offset as u32]);
+            pass.dispatch_workgroups(*x, *y, *z);
+        }
+        range.len() as u64
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.steps.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_in_use_never_overlap_and_freed_ones_are_reused() {
+        let recorder = Recorder::default();
+        let (a, b) = (recorder.map((2, 3), 4), recorder.map((1, 5), 2));
+        assert_eq!((a.place().offset, b.place().offset), (0, 24));
+        let copy = a.clone();
+        drop(a);
+        assert_eq!(recorder.map((1, 1), 1).place().offset, 34);
+        drop(copy);
+        let small = recorder.map((1, 1), 20);
+        let large = recorder.map((1, 1), 25);
+        assert_eq!((small.place().offset, large.place().offset), (0, 34));
+        assert_eq!(recorder.arena.borrow().most, 59);
+    }
+}

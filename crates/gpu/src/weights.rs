@@ -1,0 +1,90 @@
+//! The weights of all layers in one buffer, in the order in which the kernels read them.
+
+use lsdc_core::network::Prepare;
+use lsdc_kernels::conv::ConvSpec;
+use std::cell::RefCell;
+
+/// Where there is no bias or map.
+pub(crate) const NONE: u32 = u32::MAX;
+
+/// A convolution, whose weights lie in the buffer of all.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct GpuLayer {
+    pub(crate) outputs: usize,
+    pub(crate) taps: usize,
+    pub(crate) spec: ConvSpec,
+    /// In quads.
+    pub(crate) weights: u32,
+    /// In quads, or [`NONE`].
+    pub(crate) bias: u32,
+}
+
+/// Quads of four values for as many values.
+pub(crate) fn quads(values: usize) -> usize {
+    values.div_ceil(4)
+}
+
+/// Collects weights.
+#[derive(Debug, Default)]
+pub(crate) struct Packer(RefCell<Vec<f32>>);
+
+impl Packer {
+    /// Appends rows of `columns` values each, filled up to whole quads with zeros, and `padding` rows of zeros.
+    pub(crate) fn rows(&self, values: &[f32], columns: usize, padding: usize) -> u32 {
+        let mut all = self.0.borrow_mut();
+        let first = all.len() / 4;
+        for row in values.chunks_exact(columns.max(1)) {
+            all.extend(row);
+            let length = all.len().next_multiple_of(4);
+            all.resize(length, 0.0);
+        }
+        let length = all.len() + 4 * quads(columns) * padding;
+        all.resize(length, 0.0);
+        first as u32
+    }
+
+    pub(crate) fn into_values(self) -> Vec<f32> {
+        self.0.into_inner()
+    }
+}
+
+impl Prepare for &Packer {
+    type Layer = GpuLayer;
+
+    fn layer(
+        &self,
+        weights: &[f32],
+        [outputs, channels, taps]: [usize; 3],
+        bias: &[f32],
+        spec: ConvSpec,
+    ) -> GpuLayer {
+        let area = taps * taps;
+        // For each tap and channel, the outputs; channels are filled up to whole quads.
+        let padded = channels.next_multiple_of(4);
+        let mut rows = Vec::with_capacity(area * padded * outputs);
+        for tap in 0..area {
+            if spec.depthwise {
+                rows.extend((0..outputs).map(|o| weights[o * area + tap]));
+                continue;
+            }
+            for channel in 0..channels {
+                rows.extend((0..outputs).map(|o| weights[(o * channels + channel) * area + tap]));
+            }
+            rows.resize(rows.len() + (padded - channels) * outputs, 0.0);
+        }
+        let first = self.rows(&rows, outputs, 0);
+        // That of a depthwise convolution follows its weights, even if it is 0.
+        let bias = match bias {
+            [] if spec.depthwise => self.rows(&[], outputs, 1),
+            [] => NONE,
+            _ => self.rows(bias, outputs, 0),
+        };
+        GpuLayer {
+            outputs,
+            taps,
+            spec,
+            weights: first,
+            bias,
+        }
+    }
+}

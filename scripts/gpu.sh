@@ -1,0 +1,60 @@
+#!/usr/bin/env bash
+# Tests and figures of a machine with a GPU on which nothing is built.
+#
+#   bash scripts/gpu.sh pack DIR     builds, and copies all that the other machine needs to DIR
+#   bash DIR/gpu.sh run OUT          there: at most 8 minutes; writes logs and figures to OUT
+#
+# The machine needs glibc of at least the version here, and a Vulkan driver.
+set -euo pipefail
+
+pack() {
+  local target="$1" log
+  cd "$(dirname "$0")/.."
+  mkdir -p "$target"
+  cp "$0" "$target/gpu.sh"
+  local cargo=(--release --config .ci/gpu.toml --workspace --features lsdc/wgpu)
+  cargo build "${cargo[@]}" --bin lsdc
+  cp "${CARGO_TARGET_DIR:-target}/release/lsdc" "$target/lsdc"
+  # Both packages have a test `gpu`; Cargo lists the programs that it built.
+  log="$(cargo test "${cargo[@]}" --test gpu --no-run 2>&1 | tee /dev/stderr)"
+  sed -nE 's#.*Executable .*\(([^)]*/gpu-[0-9a-f]+)\)#\1#p' <<<"$log" | while read -r program; do
+    cp "$program" "$target/test-$(basename "$program")"
+  done
+}
+
+# A step with a limit in seconds; the others run even if it fails.
+step() {
+  local name="$1" limit="$2"
+  shift 2
+  echo "== $name"
+  timeout "$limit" "$@" >"$out/$name.txt" 2>&1 || echo "$name: exit status $?" | tee -a "$out/failed.txt"
+  tail -n 12 "$out/$name.txt"
+}
+
+run() {
+  here="$(cd "$(dirname "$0")" && pwd)"
+  out="$1"
+  mkdir -p "$out"
+  export LSDC_REQUIRE_GPU=1
+  step device 20 nvidia-smi
+  # Figures first: the tests of training compile many kernels.
+  for size in 304x228 640x480; do
+    step "bench-$size" 40 "$here/lsdc" bench --device wgpu --size $size --runs 100 --json
+    step "cpu-$size" 40 "$here/lsdc" bench --size $size --runs 50 --json
+  done
+  step bench-small 40 "$here/lsdc" bench --device wgpu --weights small --size 304x228 --runs 100 --json
+  step bench-counts 40 "$here/lsdc" bench --device wgpu --size 304x228 --runs 20
+  # How busy the GPU is, once a second.
+  nvidia-smi dmon -s put -c 20 >"$out/utilisation.txt" 2>&1 &
+  step utilisation-bench 40 "$here/lsdc" bench --device wgpu --size 304x228 --runs 500 --json
+  wait
+  for program in "$here"/test-gpu-*; do
+    step "$(basename "$program")" 80 "$program"
+  done
+}
+
+case "${1:-} ${2:-}" in
+"pack "?*) pack "$2" ;;
+"run "?*) run "$2" ;;
+*) sed -n '2,/^set/p' "$0" | sed '$d; s/^# \{0,1\}//' && exit 2 ;;
+esac

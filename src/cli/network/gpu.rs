@@ -1,0 +1,31 @@
+//! Networks prepared for a GPU.
+
+use lsdc_core::Completer;
+use lsdc_files::error::{Error, Result};
+use lsdc_gpu::{Adapter, Gpu, GpuNetwork, supports};
+use lsdc_weights::{names_no_network, open_weights};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Opens weights on a GPU, both by name; nothing for other devices, without a network, and for networks that only run on
+/// burn's tensors.
+///
+/// # Errors
+/// Weights that cannot be read, and a GPU that cannot be opened.
+pub(super) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Option<Completer>> {
+    if !name.starts_with("wgpu") || names_no_network(weights) {
+        return Ok(None);
+    }
+    let weights = open_weights(weights)?;
+    if !supports(&weights.network) {
+        return Ok(None);
+    }
+    let gpu = name.parse::<Adapter>().and_then(Gpu::shared);
+    let gpu = gpu.map_err(|error| {
+        let hint = error.hint();
+        Error::device(error.to_string()).hint(hint)
+    })?;
+    let network = GpuNetwork::new(&weights, &gpu)?;
+    let builder = Completer::builder(&weights).network(Arc::new(network));
+    Ok(Some(builder.build()?))
+}
