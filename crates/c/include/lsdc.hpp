@@ -543,6 +543,9 @@ public:
         return scene(image, options);
     }
 
+    // Frees the memory that is kept for further images and fits; later calls allocate again.
+    void release() const { detail::check(lsdc_completer_release(handle())); }
+
     // The input of a network that another program runs.
     NetworkInput network_input(const Image &image) const {
         NetworkInput found;

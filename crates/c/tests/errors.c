@@ -151,6 +151,9 @@ static void handles(void) {
     FAILS(LSDC_ERROR_HANDLE, "this scene was freed", lsdc_scene_free(none));
     FAILS(LSDC_ERROR_HANDLE, "this scene", lsdc_scene_complete(none, &points, NULL, &nothing));
     FAILS(LSDC_ERROR_HANDLE, "this completion", lsdc_completion_free((lsdc_completion *)(void *)scene));
+    OK(lsdc_completer_release(completer));
+    FAILS(LSDC_ERROR_ARGUMENT, "`completer` is null", lsdc_completer_release(NULL));
+    FAILS(LSDC_ERROR_HANDLE, "this completer", lsdc_completer_release((lsdc_completer *)(void *)scene));
     OK(lsdc_scene_free(NULL));
     OK(lsdc_completer_free(NULL));
     OK(lsdc_completion_free(NULL));

@@ -334,7 +334,9 @@ static lsdc_status read_points(void) {
 
 static lsdc_status release(void) {
     switch (below(3)) {
-    case 0: return lsdc_completer_free((lsdc_completer *)any(&completers));
+    case 0:
+        if (once_in(2)) return lsdc_completer_release((lsdc_completer *)any(&completers));
+        return lsdc_completer_free((lsdc_completer *)any(&completers));
     case 1: return lsdc_scene_free((lsdc_scene *)any(&scenes));
     default: return lsdc_completion_free((lsdc_completion *)any(&completions));
     }

@@ -57,6 +57,7 @@ int main(int count, char **arguments) {
     options.working_cols = 32;
     lsdc::Completer completer("small", options);
     lsdc::Scene scene = completer.scene({rgb.data(), HEIGHT, WIDTH, lsdc::Format::rgb8});
+    completer.release();
     lsdc::Completion completion = scene.complete(points);
     lsdc::Alignment alignment = scene.alignment(points);
     CHECK(scene.alignment(points, &alignment).shift().points == 2 * alignment.shift().points);
