@@ -31,6 +31,16 @@ pub fn keep_pages() {
     }
 }
 
+/// Hands freed pages back to the system, which [`keep_pages`] prevents otherwise: those of the network, before a fit that
+/// needs other memory. It changes nothing where the C library is not glibc.
+pub fn give_back_pages() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: the call takes a number, and may be made while other threads run.
+    unsafe {
+        libc::malloc_trim(0);
+    }
+}
+
 /// Lets all threads take memory from one heap, in a process that completes a single image: what one thread gives back
 /// then serves the others. With a heap for each thread, 300,000 points need a third more memory. Best called before
 /// other threads start; it changes nothing where the C library is not glibc.

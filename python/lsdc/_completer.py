@@ -144,7 +144,8 @@ class Completer:
             the weights "anything", if it is installed; "none" switches this off.
         outputs : (basis, affinities), optional
             Basis functions (functions, H', W') and affinities (2, H', W') that another program computed, in place of
-            the network: with weights from `lsdc weights export`, from `network_input(image)`.
+            the network: with weights from `lsdc weights export`, from `network_input(image)`. Points between their pixels
+            read interpolated basis functions.
         order : "rgb" or "bgr"
             The order of the colours in memory: "bgr" as read by OpenCV.
 

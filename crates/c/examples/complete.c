@@ -35,6 +35,8 @@ int main(int count, char **arguments) {
     };
     lsdc_scene *scene;
     check(lsdc_scene_create(completer, &image, NULL, &scene));
+    // No other image follows, so that the memory of the network can go before the fit needs its own.
+    check(lsdc_completer_release(completer));
 
     lsdc_map map = {
         .struct_size = sizeof map,

@@ -2,9 +2,10 @@
 //!
 //!     cargo run --release -p lsdc-c --example reference -- FOLDER
 //!
-//! Writes `rgb.ppm`, and `depth.npy`, `deviation.npy` and `half.npy` (at half size) as the examples write them.
+//! Writes `rgb.ppm`, and `depth.npy`, `deviation.npy` and `half.npy` (at half size) as the examples write them. For the example
+//! `network_output`: `input.f32`, `basis.f32` and `affinities.f32`, and `output.npy`, the depth that is fitted to these.
 
-use lsdc_core::{Channels, Completer, DepthMap, Image, Observations, Weights};
+use lsdc_core::{Channels, Completer, DepthMap, Image, NetworkOutput, Observations, Weights};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -36,6 +37,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
     let half = completion.depth_at(width / 2, height / 2)?;
     write(&folder.join("half.npy"), &half)?;
+    other_network(&folder, &image, &points)
+}
+
+/// In place of another program's output: a constant and waves, and affinities of stripes.
+fn other_network(
+    folder: &Path,
+    image: &Image<'_>,
+    points: &Observations,
+) -> Result<(), Box<dyn Error>> {
+    let completer = Completer::new(&Weights::builtin_small())?;
+    let input = completer.network_input(image)?;
+    let pixels = input.width * input.height;
+    let wave = |i: usize| match i / pixels {
+        0 => 1.0,
+        k => (0.003 * (k * (i % pixels)) as f32).sin(),
+    };
+    let basis: Vec<f32> = (0..65 * pixels).map(wave).collect();
+    let affinities: Vec<f32> = (0..2 * pixels).map(|i| 1.0 + (i % 3) as f32).collect();
+    for (name, values) in [
+        ("input", &input.values),
+        ("basis", &basis),
+        ("affinities", &affinities),
+    ] {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_ne_bytes()).collect();
+        std::fs::write(folder.join(name).with_extension("f32"), bytes)?;
+    }
+    let output = NetworkOutput::new(input.width, input.height, basis, affinities)?;
+    let completion = completer
+        .scene_with_output(image, &output)?
+        .complete(points)?;
+    write(&folder.join("output.npy"), &completion.depth()?)?;
     Ok(())
 }
 

@@ -131,6 +131,23 @@ typedef struct lsdc_map {
 /// What the values of a guide mean, each up to scale and shift: one of the constants `LSDC_GUIDE_...`.
 typedef uint32_t lsdc_guide_kind;
 
+/// Basis functions and affinities of an image that another program computed, such as ONNX Runtime with the graph of `lsdc
+/// weights export`. Set `struct_size` to `sizeof(lsdc_network_output)`.
+typedef struct lsdc_network_output {
+    /// `sizeof(lsdc_network_output)`.
+    size_t struct_size;
+    /// `functions` maps of `height` rows of `width` values, without gaps: the output `basis` of the graph.
+    const float *basis;
+    /// Two such maps, of each pixel with its right and its lower neighbour: the output `affinities`. Not negative.
+    const float *affinities;
+    /// Number of basis functions: that of the weights of the completer.
+    size_t functions;
+    /// Number of columns.
+    size_t width;
+    /// Number of rows.
+    size_t height;
+} lsdc_network_output;
+
 /// Settings of a scene; zeros are the defaults. Set `struct_size` to `sizeof(lsdc_scene_options)`.
 typedef struct lsdc_scene_options {
     /// `sizeof(lsdc_scene_options)`.
@@ -142,6 +159,9 @@ typedef struct lsdc_scene_options {
     lsdc_guide_kind guide_kind;
     /// 0.
     uint32_t reserved;
+    /// The output of the network on this image, computed by another program, or null: the network is run. Any size is
+    /// possible, at which a fit with a field is solved. Points between its pixels read functions that are interpolated.
+    const struct lsdc_network_output *output;
 } lsdc_scene_options;
 
 /// Known depths at some positions of an image, in the caller's memory. Set `struct_size` to
@@ -423,9 +443,28 @@ lsdc_status lsdc_completer_create_from_memory(const void *data,
                                               const struct lsdc_completer_options *options,
                                               struct lsdc_completer **completer);
 
+/// Frees the memory that a completer keeps for further images and fits, of which the latter is shared by all completers. A
+/// program that has little memory calls it after `lsdc_scene_create`; later calls allocate again.
+lsdc_status lsdc_completer_release(const struct lsdc_completer *completer);
+
 /// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A
 /// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
 lsdc_status lsdc_completer_free(struct lsdc_completer *completer);
+
+/// Writes the size of the network's input for an image of `image_width` columns and `image_height` rows.
+lsdc_status lsdc_completer_network_size(const struct lsdc_completer *completer,
+                                        size_t image_width,
+                                        size_t image_height,
+                                        size_t *width,
+                                        size_t *height);
+
+/// Writes an image as the graph of `lsdc weights export` reads it: maps of red, green and blue from 0 to 1, without gaps,
+/// each of the size that `lsdc_completer_network_size` writes. `size` is the number of bytes from `values` to the end of the
+/// buffer. If the call fails, the buffer is unchanged.
+lsdc_status lsdc_completer_network_input(const struct lsdc_completer *completer,
+                                         const struct lsdc_image *image,
+                                         float *values,
+                                         size_t size);
 
 /// Runs the network on an image. The buffer is not needed afterwards. `options` may be null. `*scene` becomes
 /// a handle to be freed with `lsdc_scene_free`, or null if the call fails.

@@ -273,6 +273,22 @@ struct Guide {
     GuideKind kind = GuideKind::depth;
 };
 
+// Maps of red, green and blue from 0 to 1, as the graph of `lsdc weights export` reads an image.
+struct NetworkInput {
+    std::size_t rows = 0;
+    std::size_t cols = 0;
+    std::vector<float> values;
+};
+
+// What that graph computes, in somebody else's memory: `functions` maps of basis functions and two of affinities.
+struct NetworkOutput {
+    const float *basis = nullptr;
+    const float *affinities = nullptr;
+    std::size_t functions = 0;
+    std::size_t rows = 0;
+    std::size_t cols = 0;
+};
+
 // A scene fitted to points.
 class Completion {
 public:
@@ -527,6 +543,34 @@ public:
         return scene(image, options);
     }
 
+    // Frees the memory that is kept for further images and fits; later calls allocate again.
+    void release() const { detail::check(lsdc_completer_release(handle())); }
+
+    // The input of a network that another program runs.
+    NetworkInput network_input(const Image &image) const {
+        NetworkInput found;
+        detail::check(lsdc_completer_network_size(handle(), image.cols, image.rows, &found.cols, &found.rows));
+        found.values.resize(3 * found.rows * found.cols);
+        lsdc_image input = input_of(image);
+        detail::check(lsdc_completer_network_input(handle(), &input, found.values.data(),
+                                                   found.values.size() * sizeof(float)));
+        return found;
+    }
+
+    // A scene of the output of such a network, which is not needed afterwards.
+    Scene scene(const Image &image, const NetworkOutput &output) const {
+        lsdc_network_output computed{};
+        computed.struct_size = sizeof computed;
+        computed.basis = output.basis;
+        computed.affinities = output.affinities;
+        computed.functions = output.functions;
+        computed.width = output.cols;
+        computed.height = output.rows;
+        lsdc_scene_options options{};
+        options.output = &computed;
+        return scene(image, options);
+    }
+
     lsdc_completer *handle() const noexcept { return handle_.get(); }
 
 private:
@@ -552,8 +596,7 @@ private:
         handle_.reset(completer);
     }
 
-    Scene scene(const Image &image, lsdc_scene_options options) const {
-        options.struct_size = sizeof options;
+    static lsdc_image input_of(const Image &image) {
         lsdc_image input{};
         input.struct_size = sizeof input;
         input.data = image.data;
@@ -562,6 +605,12 @@ private:
         input.height = image.rows;
         input.stride = image.stride;
         input.format = static_cast<lsdc_format>(image.format);
+        return input;
+    }
+
+    Scene scene(const Image &image, lsdc_scene_options options) const {
+        options.struct_size = sizeof options;
+        lsdc_image input = input_of(image);
         lsdc_scene *scene = nullptr;
         detail::check(lsdc_scene_create(handle(), &input, &options, &scene));
         return {scene, image.rows, image.cols};

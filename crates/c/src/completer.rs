@@ -123,6 +123,16 @@ pub unsafe extern "C" fn lsdc_completer_create_from_memory(
     guard(|| unsafe { make(weights, options, completer) })
 }
 
+/// Frees the memory that a completer keeps for further images and fits, of which the latter is shared by all completers. A
+/// program that has little memory calls it after `lsdc_scene_create`; later calls allocate again.
+#[unsafe(no_mangle)]
+pub extern "C" fn lsdc_completer_release(completer: *const lsdc_completer) -> lsdc_status {
+    guard(|| {
+        COMPLETERS.get(completer)?.value.release();
+        Ok(())
+    })
+}
+
 /// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A
 /// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
@@ -223,7 +233,11 @@ fn robust(robust: lsdc_robust, recorded: Option<Robust>) -> Result<Option<Robust
 /// Weights of the library, by their name.
 fn named(name: &str) -> Result<SelectedWeights> {
     let network = name != NONE;
-    let found = lsdc_weights::named(if network { name } else { "default" });
+    let found = if network {
+        lsdc_weights::named(name)
+    } else {
+        lsdc_weights::embedded().first()
+    };
     let weights = found.ok_or_else(|| unknown(name))?.read()?;
     Ok(SelectedWeights { weights, network })
 }
@@ -231,10 +245,10 @@ fn named(name: &str) -> Result<SelectedWeights> {
 /// The name that stands for no network at all.
 const NONE: &str = "none";
 
-/// There are no weights of a name: without the feature `weights`, none at all.
+/// There are no weights of a name: without the features `weights` and `weights-small`, none at all.
 fn unknown(name: &str) -> Error {
     let read = "read a file with lsdc_completer_create_from_file";
-    if cfg!(not(feature = "weights")) {
+    if lsdc_weights::embedded().is_empty() {
         return Error::weights("this library was built without weights").with_hint(read);
     }
     let names = lsdc_weights::embedded().iter().map(|weights| weights.name);

@@ -1,6 +1,6 @@
 //! The C interface of `lsdc`; see `README.md` for how to use it from C and C++.
 //!
-//! Functions enter in `completer`, `scene`, `completion` and `status`. Each reads the caller's memory
+//! Functions enter in `completer`, `network_output`, `scene`, `completion`, `alignment` and `status`. Each reads the caller's memory
 //! (`memory`) into types of Rust, does its work on them, and writes the results back; handles are looked up
 //! in tables (`handles`), so that none is ever followed as a pointer. Whatever fails becomes a status code
 //! (`error`), and a message that the thread can ask for (`last_error`).
@@ -24,6 +24,7 @@ mod handles;
 mod input;
 mod last_error;
 mod memory;
+mod network_output;
 mod pool;
 mod scene;
 mod status;
@@ -33,5 +34,6 @@ pub use alignment::*;
 pub use completer::*;
 pub use completion::*;
 pub use input::*;
+pub use network_output::*;
 pub use scene::*;
 pub use status::*;

@@ -9,6 +9,7 @@ use crate::input::{
     observations, unused,
 };
 use crate::memory::{self, Versioned};
+use crate::network_output::{lsdc_network_output, network_output};
 use crate::pool::Pooled;
 use crate::status::lsdc_status;
 use lsdc_core::{Observations, Scene};
@@ -33,6 +34,9 @@ pub struct lsdc_scene_options {
     pub guide_kind: lsdc_guide_kind,
     /// 0.
     pub reserved: u32,
+    /// The output of the network on this image, computed by another program, or null: the network is run. Any size is
+    /// possible, at which a fit with a field is solved. Points between its pixels read functions that are interpolated.
+    pub output: *const lsdc_network_output,
 }
 
 // SAFETY: it is `repr(C)`, begins with its size, and consists of numbers and a pointer, which may be 0.
@@ -76,14 +80,24 @@ pub unsafe extern "C" fn lsdc_scene_create(
         // SAFETY: the caller's promise.
         let guide = |guide| unsafe { MapValues::read(guide, "options->guide") };
         let guide = memory::unless_null(options.guide, guide)?;
+        let guide = guide
+            .map(|guide| guide.guide(options.guide_kind))
+            .transpose()?;
+        // SAFETY: the caller's promise.
+        let output = |output| unsafe { network_output(output) };
+        let output = memory::unless_null(options.output, output)?;
         let value = completer.run(|completer| {
             let image = pixels.image()?;
-            Ok(match guide {
-                None if options.guide_kind == LSDC_GUIDE_NONE => {
+            Ok(match (&output, &guide) {
+                (Some(output), guide) => {
+                    let scene = completer.scene_with_output(&image, output)?;
+                    scene.with_guide(guide.as_ref())
+                }
+                (None, Some(guide)) => completer.guided_scene(&image, guide)?,
+                (None, None) if options.guide_kind == LSDC_GUIDE_NONE => {
                     completer.without_depth_head().scene(&image)?
                 }
-                None => completer.scene(&image)?,
-                Some(guide) => completer.guided_scene(&image, &guide.guide(options.guide_kind)?)?,
+                (None, None) => completer.scene(&image)?,
             })
         })?;
         let pool = completer.pool;

@@ -151,6 +151,9 @@ static void handles(void) {
     FAILS(LSDC_ERROR_HANDLE, "this scene was freed", lsdc_scene_free(none));
     FAILS(LSDC_ERROR_HANDLE, "this scene", lsdc_scene_complete(none, &points, NULL, &nothing));
     FAILS(LSDC_ERROR_HANDLE, "this completion", lsdc_completion_free((lsdc_completion *)(void *)scene));
+    OK(lsdc_completer_release(completer));
+    FAILS(LSDC_ERROR_ARGUMENT, "`completer` is null", lsdc_completer_release(NULL));
+    FAILS(LSDC_ERROR_HANDLE, "this completer", lsdc_completer_release((lsdc_completer *)(void *)scene));
     OK(lsdc_scene_free(NULL));
     OK(lsdc_completer_free(NULL));
     OK(lsdc_completion_free(NULL));
@@ -261,6 +264,73 @@ static void guides(void) {
     for (int i = 0; i < PIXELS; ++i) dense[i] = NAN;
     FAILS(LSDC_ERROR_IMAGE, "the guide says nothing", lsdc_scene_create(completer, &image, &options, &made));
     CHECK(made == NULL);
+}
+
+static void outputs(void) {
+    lsdc_image image = image_of(rgb, WIDTH, HEIGHT);
+    size_t width = 5, height = 6;
+    FAILS(LSDC_ERROR_ARGUMENT, "`completer` is null", lsdc_completer_network_size(NULL, 4, 3, &width, &height));
+    FAILS(LSDC_ERROR_ARGUMENT, "`width` is null", lsdc_completer_network_size(completer, 4, 3, NULL, &height));
+    FAILS(LSDC_ERROR_ARGUMENT, "`height` is null", lsdc_completer_network_size(completer, 4, 3, &width, NULL));
+    FAILS(LSDC_ERROR_BUFFER, "cannot have 0x3", lsdc_completer_network_size(completer, 0, 3, &width, &height));
+    FAILS(LSDC_ERROR_BUFFER, "cannot have", lsdc_completer_network_size(completer, SIZE_MAX, 3, &width, &height));
+    CHECK(width == 5 && height == 6);
+    OK(lsdc_completer_network_size(completer, WIDTH, HEIGHT, &width, &height));
+    CHECK(width > 1 && height > 1 && width * height <= PIXELS);
+
+    dense[0] = -5.0f;
+    const size_t bytes = 3 * width * height * sizeof(float);
+    FAILS(LSDC_ERROR_ARGUMENT, "`image` is null", lsdc_completer_network_input(completer, NULL, dense, bytes));
+    FAILS(LSDC_ERROR_ARGUMENT, "`values` is null", lsdc_completer_network_input(completer, &image, NULL, bytes));
+    FAILS(LSDC_ERROR_BUFFER, "its buffer has", lsdc_completer_network_input(completer, &image, dense, bytes - 1));
+    CHECK(dense[0] == -5.0f);
+
+    // 65 functions of 4x3 pixels.
+    static float basis[65 * 12], affinities[2 * 12];
+    for (int i = 0; i < 65 * 12; ++i) basis[i] = i < 12 ? 1.0f : (float)(i % 7);
+    lsdc_network_output output, sound;
+    memset(&sound, 0, sizeof sound);
+    sound.struct_size = sizeof sound;
+    sound.basis = basis;
+    sound.affinities = affinities;
+    sound.functions = 65;
+    sound.width = 4;
+    sound.height = 3;
+    lsdc_scene_options options;
+    memset(&options, 0, sizeof options);
+    options.struct_size = sizeof options;
+    options.output = &output;
+    lsdc_scene *made = scene;
+    output = sound;
+    output.struct_size = 8;
+    FAILS(LSDC_ERROR_ARGUMENT, "struct_size", lsdc_scene_create(completer, &image, &options, &made));
+    output = sound;
+    output.basis = NULL;
+    FAILS(LSDC_ERROR_ARGUMENT, "`options->output->basis` is null", lsdc_scene_create(completer, &image, &options, &made));
+    output = sound;
+    output.affinities = NULL;
+    FAILS(LSDC_ERROR_ARGUMENT, "`options->output->affinities` is null",
+          lsdc_scene_create(completer, &image, &options, &made));
+    output = sound;
+    output.width = 0;
+    FAILS(LSDC_ERROR_BUFFER, "cannot have 0x3", lsdc_scene_create(completer, &image, &options, &made));
+    output.width = SIZE_MAX;
+    FAILS(LSDC_ERROR_BUFFER, "cannot have", lsdc_scene_create(completer, &image, &options, &made));
+    output = sound;
+    output.functions = SIZE_MAX / 2;
+    FAILS(LSDC_ERROR_BUFFER, "exceed all memory", lsdc_scene_create(completer, &image, &options, &made));
+    output.functions = 64;
+    FAILS(LSDC_ERROR_FIT, "64 basis functions", lsdc_scene_create(completer, &image, &options, &made));
+    output.functions = 0;
+    FAILS(LSDC_ERROR_FIT, "0 values", lsdc_scene_create(completer, &image, &options, &made));
+    output = sound;
+    affinities[5] = -1.0f;
+    CHECK(lsdc_scene_create(completer, &image, &options, &made) == LSDC_ERROR_FIT && made == NULL);
+    affinities[5] = NAN;
+    CHECK(lsdc_scene_create(completer, &image, &options, &made) == LSDC_ERROR_FIT && made == NULL);
+    affinities[5] = 1.0f;
+    OK(lsdc_scene_create(completer, &image, &options, &made));
+    OK(lsdc_scene_free(made));
 }
 
 static void expect_points(lsdc_status status, const char *text, const lsdc_points *points) {
@@ -419,6 +489,7 @@ int main(int count, char **arguments) {
     handles();
     images();
     guides();
+    outputs();
     points();
     maps();
     previous_frames();

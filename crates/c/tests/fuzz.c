@@ -130,6 +130,44 @@ static lsdc_map random_map(size_t width, size_t height, void **memory) {
     return map;
 }
 
+// The output of a network for "small" or "none"; its maps are to be freed.
+static lsdc_network_output random_output(void) {
+    lsdc_network_output output;
+    memset(&output, 0, sizeof output);
+    output.struct_size = struct_size(sizeof output);
+    output.functions = once_in(3) ? 1 : once_in(8) ? below(70) : 65;
+    output.width = 1 + below(12);
+    output.height = 1 + below(12);
+    size_t pixels = output.width * output.height, values = output.functions * pixels;
+    float *basis = (float *)allocated(values * sizeof *basis), *affinities = (float *)allocated(2 * pixels * sizeof *basis);
+    for (size_t i = 0; i < values; ++i) basis[i] = (float)(once_in(5000) ? number() : uniform(&state));
+    for (size_t i = 0; i < 2 * pixels; ++i) affinities[i] = (float)(once_in(1000) ? number() : uniform(&state));
+    output.basis = basis;
+    output.affinities = affinities;
+    // Larger ones must be too large for any memory.
+    if (once_in(30)) output.functions = SIZE_MAX / 2;
+    if (once_in(30)) output.width = SIZE_MAX - below(100);
+    if (once_in(30)) output.height = 0;
+    return output;
+}
+
+static lsdc_status read_network_input(void) {
+    size_t width, height, columns = 1 + below(24), rows = 1 + below(24);
+    lsdc_completer *completer = (lsdc_completer *)any(&completers);
+    lsdc_status status = lsdc_completer_network_size(completer, columns, rows, &width, &height);
+    if (status != LSDC_OK || width * height > 1 << 16) return status;
+    uint8_t *rgb = (uint8_t *)allocated(3 * columns * rows);
+    paint(rgb, columns, rows, next_random(&state));
+    lsdc_image image = image_of(rgb, columns, rows);
+    size_t size = 3 * sizeof(float) * width * height;
+    if (once_in(10)) size = below(size);
+    float *values = (float *)allocated(size);
+    status = lsdc_completer_network_input(completer, &image, once_in(30) ? NULL : values, size);
+    free(values);
+    free(rgb);
+    return status;
+}
+
 static lsdc_status create_scene(void) {
     const lsdc_format formats[] = {0, 1, 2, 3, 4, 16, 17, 18, 19, 20};
     const size_t bytes[] = {3, 3, 1, 4, 4, 12, 12, 4, 16, 16};
@@ -165,9 +203,13 @@ static lsdc_status create_scene(void) {
     options.guide = once_in(4) ? &guide : NULL;
     options.guide_kind = (lsdc_guide_kind)below(4);
     if (once_in(40)) options.reserved = 1;
+    lsdc_network_output output = random_output();
+    options.output = once_in(4) ? &output : NULL;
     lsdc_scene *scene = (lsdc_scene *)&options, **out = once_in(30) ? NULL : &scene;
     lsdc_status status = lsdc_scene_create((lsdc_completer *)any(&completers), once_in(40) ? NULL : &image,
                                            once_in(3) ? NULL : &options, out);
+    free((void *)(uintptr_t)output.basis);
+    free((void *)(uintptr_t)output.affinities);
     free(values);
     free(memory);
     return out == NULL ? status : made(status, scene, &scenes, free_scene);
@@ -292,7 +334,9 @@ static lsdc_status read_points(void) {
 
 static lsdc_status release(void) {
     switch (below(3)) {
-    case 0: return lsdc_completer_free((lsdc_completer *)any(&completers));
+    case 0:
+        if (once_in(2)) return lsdc_completer_release((lsdc_completer *)any(&completers));
+        return lsdc_completer_free((lsdc_completer *)any(&completers));
     case 1: return lsdc_scene_free((lsdc_scene *)any(&scenes));
     default: return lsdc_completion_free((lsdc_completion *)any(&completions));
     }
@@ -302,14 +346,15 @@ int main(int count, char **arguments) {
     CHECK(count == 3);
     uint64_t calls = strtoull(arguments[1], NULL, 10);
     state = strtoull(arguments[2], NULL, 10);
-    lsdc_status (*const all[])(void) = {create_scene, complete, complete, complete_map, read_map, read_map, read_points, read_points};
+    lsdc_status (*const all[])(void) = {create_scene, complete, complete,    complete_map,      read_map,
+                                        read_map,     read_points, read_points, read_network_input};
     for (int i = 0; i < KEPT; ++i) {
         while (create_completer() != LSDC_OK) continue;
         while (create_scene() != LSDC_OK) continue;
         while (complete() != LSDC_OK) continue;
     }
     for (uint64_t i = 0; i < calls; ++i) {
-        lsdc_status status = once_in(20) ? create_completer() : once_in(20) ? release() : all[below(8)]();
+        lsdc_status status = once_in(20) ? create_completer() : once_in(20) ? release() : all[below(9)]();
         // An error in the library itself, or a status that it does not have.
         CHECK(status >= LSDC_OK && status < INTERNAL);
         CHECK(status == LSDC_OK || *lsdc_last_error() != '\0');

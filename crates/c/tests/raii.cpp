@@ -57,6 +57,7 @@ int main(int count, char **arguments) {
     options.working_cols = 32;
     lsdc::Completer completer("small", options);
     lsdc::Scene scene = completer.scene({rgb.data(), HEIGHT, WIDTH, lsdc::Format::rgb8});
+    completer.release();
     lsdc::Completion completion = scene.complete(points);
     lsdc::Alignment alignment = scene.alignment(points);
     CHECK(scene.alignment(points, &alignment).shift().points == 2 * alignment.shift().points);
@@ -96,12 +97,20 @@ int main(int count, char **arguments) {
     lsdc::Guide guide{lsdc::View<const float>(depth.values.data(), HEIGHT, WIDTH)};
     CHECK(completer.scene(image, guide).complete(map).report().guide_trust >= 0.0);
 
+    lsdc::NetworkInput input = completer.network_input(image);
+    CHECK(input.values.size() == 3 * input.rows * input.cols && input.values == completer.network_input(image).values);
+    std::vector<float> functions(65 * input.rows * input.cols, 1.0F), pairs(2 * input.rows * input.cols, 1.0F);
+    lsdc::NetworkOutput output{functions.data(), pairs.data(), 65, input.rows, input.cols};
+    CHECK(completer.scene(image, output).complete(map).report().used == points.size());
+
     // What cannot be is an exception, with its hint.
     throws(LSDC_ERROR_WEIGHTS, "no weights named `huge`", [] { lsdc::Completer("huge"); });
     throws(LSDC_ERROR_WEIGHTS, arguments[1], [&] { lsdc::Completer::from_file(arguments[1]); });
     throws(LSDC_ERROR_WEIGHTS, "safetensors", [&] { lsdc::Completer::from_memory(rgb.data(), rgb.size()); });
     throws(LSDC_ERROR_FIT, "no sparse depth", [&] { scene.complete(std::vector<lsdc::Point>()); });
     throws(LSDC_ERROR_ARGUMENT, "null", [&] { scene.complete(nullptr, 5); });
+    output.functions = 64;
+    throws(LSDC_ERROR_FIT, "64 basis functions", [&] { completer.scene(image, output); });
     throws(LSDC_ERROR_BUFFER, "2^30", [&] { completion.depth(SIZE_MAX, 2); });
     throws(LSDC_ERROR_ARGUMENT, "null", [&] { completion.depth(lsdc::View<float>()); });
     throws(LSDC_ERROR_ARGUMENT, "`depth->unit`", [&] { scene.complete(shorts); });

@@ -208,12 +208,58 @@ static void alignment(void) {
     OK(lsdc_scene_free(wide));
 }
 
+// A network elsewhere: the colours that it reads, and two levels of depth, found exactly.
+static void network_output(void) {
+    size_t width, height;
+    lsdc_completer_options options = quick();
+    options.working_width = WIDTH;
+    options.working_height = HEIGHT;
+    options.fit = LSDC_FIT_LSE;
+    lsdc_completer *none;
+    lsdc_image image = image_of(rgb, WIDTH, HEIGHT);
+    static float input[3 * PIXELS], levels[PIXELS], pairs[2 * PIXELS];
+    OK(lsdc_completer_create("none", &options, &none));
+    OK(lsdc_completer_network_size(none, WIDTH, HEIGHT, &width, &height));
+    CHECK(width == WIDTH && height == HEIGHT);
+    OK(lsdc_completer_network_input(none, &image, input, sizeof input));
+    for (int c = 0; c < 3; ++c) {
+        for (int i = 0; i < PIXELS; ++i) CHECK(fabsf(255.0f * input[c * PIXELS + i] - (float)rgb[3 * i + c]) < 1e-3f);
+    }
+
+    for (int i = 0; i < PIXELS; ++i) levels[i] = i % WIDTH < WIDTH / 2 ? 1.0f : 1.5f;
+    for (int i = 0; i < 2 * PIXELS; ++i) pairs[i] = 1.0f;
+    lsdc_network_output output;
+    memset(&output, 0, sizeof output);
+    output.struct_size = sizeof output;
+    output.basis = levels;
+    output.affinities = pairs;
+    output.functions = 1;
+    output.width = WIDTH;
+    output.height = HEIGHT;
+    lsdc_scene_options settings;
+    memset(&settings, 0, sizeof settings);
+    settings.struct_size = sizeof settings;
+    settings.output = &output;
+    // At pixel centres, 2 m on the left and 3 m on the right: the function times two.
+    lsdc_map map = map_of(sparse, WIDTH, HEIGHT);
+    lsdc_scene *other;
+    lsdc_completion *made;
+    OK(lsdc_scene_create(none, &image, &settings, &other));
+    OK(lsdc_scene_complete_map(other, &map, NULL, NULL, &made));
+    OK(lsdc_completion_depth(made, WIDTH, HEIGHT, dense, sizeof dense, 0));
+    for (int i = 0; i < PIXELS; ++i) CHECK(fabsf(dense[i] - 2.0f * levels[i]) < 1e-4f);
+    OK(lsdc_completion_free(made));
+    OK(lsdc_scene_free(other));
+    OK(lsdc_completer_free(none));
+}
+
 int main(void) {
     prepare();
     alignment();
     maps_and_points();
     outliers();
     layouts();
+    network_output();
     release();
     puts("results: as they should be");
     return EXIT_SUCCESS;

@@ -175,6 +175,19 @@ impl Basis for NetworkOutput {
 }
 
 impl Completer {
+    /// The width and height of the [`NetworkInput`] for an image of this width and height.
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")] {
+    /// let completer = lsdc_core::Completer::new(&lsdc_core::Weights::builtin_small()).unwrap();
+    /// assert_eq!(completer.network_size(640, 480), (304, 228));
+    /// # }
+    /// ```
+    pub fn network_size(&self, width: usize, height: usize) -> (usize, usize) {
+        let (height, width) = self.normalisation().working_size((height, width));
+        (width, height)
+    }
+
     /// The input of the network for an image: resized to the working size, without normalisation, which is part of
     /// exported weights.
     ///
@@ -182,7 +195,7 @@ impl Completer {
     /// Colours that are not finite or far above 1.
     pub fn network_input(&self, image: &Image<'_>) -> Result<NetworkInput> {
         let size = (image.height(), image.width());
-        let (height, width) = self.normalisation().working_size(size);
+        let (width, height) = self.network_size(size.1, size.0);
         let colours = resized(&image.rgb()?, size, (height, width))?;
         let channel = |c: usize| colours.iter().skip(c).step_by(3);
         let values = (0..3).flat_map(channel).map(|&v| f32::from(v) / 255.0);
@@ -194,8 +207,11 @@ impl Completer {
     }
 
     /// A scene of an image whose network another program ran, on the [`NetworkInput`] of this completer or the image at
-    /// any other size. A fit with a field is solved at the size of the output; other fits read basis functions between
-    /// its pixels.
+    /// any other size. A fit with a field is solved at the size of the output.
+    ///
+    /// At pixel centres of the output, depths are those of the network here, up to rounding. Between them, basis functions
+    /// are interpolated, where the network here computes them at the point itself: depths of 300 points between pixels
+    /// differ by up to 1.4 % (`default`) or 0.3 % (`small`).
     ///
     /// # Errors
     /// A number of basis functions that the prior of the weights is not for; [`Quality::Best`], which needs the output

@@ -174,12 +174,12 @@ impl Weights {
     ///
     /// # Panics
     /// Never: the tests of the crate read them.
-    #[cfg(feature = "weights")]
+    #[cfg(feature = "weights-small")]
     pub fn builtin_small() -> Self {
         Self::embedded(SMALL)
     }
 
-    #[cfg(feature = "weights")]
+    #[cfg(feature = "weights-small")]
     #[allow(clippy::expect_used)]
     fn embedded(bytes: &[u8]) -> Self {
         Self::from_bytes(bytes).expect("weights of this crate are sound")
@@ -340,7 +340,7 @@ impl Weights {
 #[cfg(feature = "weights")]
 pub static DEFAULT: &[u8] = include_bytes!("../weights/default.safetensors");
 /// The weights for low-power machines, as a file.
-#[cfg(feature = "weights")]
+#[cfg(feature = "weights-small")]
 pub static SMALL: &[u8] = include_bytes!("../weights/small.safetensors");
 
 /// Whether a tensor holds running statistics, not trained parameters.

@@ -4,9 +4,11 @@
 use super::from_safetensors;
 #[cfg(feature = "weights")]
 use super::names::RESIZE_LAYER;
-use lsdc_core::weights::Tensor;
 #[cfg(feature = "weights")]
-use lsdc_core::weights::{DEFAULT, SMALL};
+use lsdc_core::weights::DEFAULT;
+#[cfg(feature = "weights-small")]
+use lsdc_core::weights::SMALL;
+use lsdc_core::weights::Tensor;
 use lsdc_core::{Result, Weights};
 #[cfg(feature = "weights")]
 use std::path::Path;
@@ -24,20 +26,23 @@ pub struct Embedded {
     pub bytes: &'static [u8],
 }
 
-#[cfg(feature = "weights")]
-static EMBEDDED: [Embedded; 3] = [
+/// Those of the features of this library.
+static EMBEDDED: &[Embedded] = &[
+    #[cfg(feature = "weights")]
     Embedded {
         name: "default",
         about: "the most accurate that needs nothing installed",
         licence: "Apache-2.0",
         bytes: DEFAULT,
     },
+    #[cfg(feature = "weights-small")]
     Embedded {
         name: "small",
         about: "for weak machines; two thirds of the time",
         licence: "Apache-2.0",
         bytes: SMALL,
     },
+    #[cfg(feature = "weights")]
     Embedded {
         name: "anything",
         about: "the most accurate of all, on top of a pretrained encoder that is installed apart",
@@ -45,8 +50,6 @@ static EMBEDDED: [Embedded; 3] = [
         bytes: include_bytes!("../weights/anything.safetensors"),
     },
 ];
-#[cfg(not(feature = "weights"))]
-static EMBEDDED: [Embedded; 0] = [];
 
 /// The tensor of the depth head of Depth Anything V2 Small that was learned by the authors of lsdc.
 #[cfg(feature = "weights")]
@@ -62,9 +65,10 @@ impl Embedded {
     }
 }
 
-/// Returns the weights of this library, the default first; none without the feature `weights`.
+/// Returns the weights of this library, the default first. Without the feature `weights`, there is `small` alone with
+/// `weights-small`, or none.
 pub fn embedded() -> &'static [Embedded] {
-    &EMBEDDED
+    EMBEDDED
 }
 
 /// Returns the weights of this library that have a name.

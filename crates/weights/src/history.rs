@@ -1,7 +1,7 @@
 //! What weights were made from: a record inside their file, with an entry for every command that made or changed them.
 
 use crate::error::{Error, Result};
-use crate::{open_weights, provenance, weights_hash};
+use crate::{embedded, open_weights, provenance, weights_hash};
 use lsdc_core::Weights;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -71,7 +71,8 @@ impl SourceWeights {
     /// # Errors
     /// A file that cannot be read.
     pub fn without_history(role: &str, path: Option<&Path>) -> Result<Self> {
-        let name = path.unwrap_or(Path::new("default"));
+        let first = embedded().first().map_or("default", |weights| weights.name);
+        let name = path.unwrap_or(Path::new(first));
         Ok(Self {
             role: role.to_owned(),
             weights: name.display().to_string(),

@@ -7,6 +7,7 @@ use crate::cli::args::{Format, Model};
 use crate::cli::network::{
     at_quality, name_of_own_guide, open_guide, open_guided_completer, open_system, own_guide,
 };
+use crate::process;
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Quality, Scene, ViewsReport};
@@ -181,6 +182,7 @@ impl<'a> Engine<'a> {
         if let Some(monocular) = &self.monocular {
             monocular.release();
         }
+        process::give_back_pages();
         let fitted = prepared.fit(&frame.points, None, None)?;
         self.finish(&frame.rgb, &frame.points, fitted)
     }

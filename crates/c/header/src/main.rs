@@ -8,7 +8,8 @@ use std::error::Error;
 use std::path::Path;
 
 /// In the order in which a reader meets them.
-const SOURCES: [&str; 7] = ["abi", "status", "input", "completer", "scene", "completion", "alignment"];
+const SOURCES: [&str; 8] =
+    ["abi", "status", "input", "completer", "network_output", "scene", "completion", "alignment"];
 
 const ABOUT: &str = "\
 // lsdc: an RGB image and a few sparse depths in, a dense depth map out.

@@ -1,6 +1,6 @@
 //! A field before any observation.
 
-use super::factor::Factor;
+use super::factor::{Factor, free_updates};
 use super::grid::Grid;
 use super::plan::Plan;
 use super::stencil::{Connectivity, Stencil};
@@ -29,6 +29,8 @@ impl FieldPrior {
         }
         let plan = Plan::of(grid.height, grid.width, Connectivity::Four);
         let factor = Factor::new(plan, &Stencil::new(grid));
+        // An image is factorised once; what follows needs as much memory, for covariances.
+        free_updates();
         factor.map(|factor| Self(Arc::new(factor)))
     }
 }
