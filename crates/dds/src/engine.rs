@@ -275,7 +275,7 @@ impl Engine {
         announcements.write(key, stamp, Some(guid), now, out);
     }
 
-    /// Sends a message of a topic.
+    /// Sends a message of a topic. [`sent`](Self::sent) follows when all datagrams are sent.
     pub(crate) fn write(
         &mut self,
         writer: EntityId,
@@ -286,6 +286,13 @@ impl Engine {
     ) {
         if let Some((_, writer)) = self.writers.get_mut(&writer) {
             writer.write(message, stamp, None, now, out);
+            writer.hold();
+        }
+    }
+
+    pub(crate) fn sent(&mut self, writer: EntityId, now: Instant) {
+        if let Some((_, writer)) = self.writers.get_mut(&writer) {
+            writer.release(now);
         }
     }
 

@@ -28,6 +28,9 @@ use crate::{
 /// Between two looks at what is due.
 const TICK: Duration = Duration::from_millis(10);
 
+/// Bytes that Linux charges a receiver for each datagram beside its content, at least.
+const OVERHEAD: usize = 1024;
+
 /// After a burst.
 const PAUSE: Duration = Duration::from_micros(300);
 
@@ -285,11 +288,12 @@ impl Shared {
         let burst = self.settings.burst;
         let mut sent = 0;
         for Datagram { to, bytes } in datagrams {
-            if in_bursts && burst > 0 && sent > 0 && sent + bytes.len() > burst {
+            let charged = bytes.len() + OVERHEAD;
+            if in_bursts && burst > 0 && sent > 0 && sent + charged > burst {
                 thread::sleep(PAUSE);
                 sent = 0;
             }
-            sent += bytes.len();
+            sent += charged;
             if self.sockets.messages.send_to(bytes, to).is_err() {
                 self.not_sent.fetch_add(1, Ordering::Relaxed);
             }
@@ -369,6 +373,7 @@ impl Shared {
             );
         }
         self.send(&out, false);
+        self.engine().sent(self.graph, Instant::now());
     }
 
     fn remove(&self, entity: EntityId) {
@@ -483,6 +488,7 @@ impl Publisher {
             &mut out,
         );
         self.shared.send(&out, true);
+        self.shared.engine().sent(self.entity, Instant::now());
         Ok(())
     }
 

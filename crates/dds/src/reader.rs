@@ -92,10 +92,6 @@ impl Reader {
         }
     }
 
-    pub(crate) fn wants_history(&self) -> bool {
-        self.wants_history
-    }
-
     pub(crate) fn writers(&self) -> impl Iterator<Item = Guid> {
         self.sources.keys().copied()
     }

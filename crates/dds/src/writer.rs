@@ -9,7 +9,7 @@ use std::{
 
 use crate::{
     announcement,
-    wire::{EntityId, Guid, Output, Prefix, UNKNOWN},
+    wire::{Guid, Output, Prefix, UNKNOWN},
 };
 
 /// Bytes of a fragment. One, with its headers, fits into a packet of Ethernet and of most tunnels.
@@ -92,10 +92,6 @@ impl Writer {
         }
     }
 
-    pub(crate) fn is_transient_local(&self) -> bool {
-        self.transient_local
-    }
-
     pub(crate) fn readers(&self) -> impl Iterator<Item = Guid> {
         self.followers.keys().copied()
     }
@@ -134,7 +130,8 @@ impl Writer {
             }
         }
         self.followers.insert(reader, follower);
-        if reliable && from <= self.last {
+        if reliable {
+            // Also of nothing: from then on, the reader requests what is missing.
             self.heartbeat(reader, out);
             self.heartbeat_at.get_or_insert(now + self.interval);
         }
@@ -189,6 +186,15 @@ impl Writer {
         if any_reliable {
             self.heartbeat_at = Some(now + self.interval);
         }
+    }
+
+    /// Nothing is announced until [`release`](Self::release): what was written is still being sent.
+    pub(crate) fn hold(&mut self) {
+        self.heartbeat_at = None;
+    }
+
+    pub(crate) fn release(&mut self, now: Instant) {
+        self.heartbeat_at = Some(now + self.interval);
     }
 
     /// What remains unacknowledged is announced again.
@@ -353,10 +359,6 @@ impl Writer {
             to: to.address,
             bytes: output.finish(),
         });
-    }
-
-    pub(crate) fn id(&self) -> EntityId {
-        self.guid.entity
     }
 }
 
