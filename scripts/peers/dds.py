@@ -208,7 +208,7 @@ def check_kills(relay):
     ends.exchange(image(2), again=True)
     print("lsdc killed and started again: goes on", flush=True)
     for number in range(2):
-        publisher = multiprocessing.Process(target=publish_until_killed, args=("default",))
+        publisher = multiprocessing.get_context("spawn").Process(target=publish_until_killed, args=("default",))
         publisher.start()
         begin = time.monotonic()
         while not any(message == image(77) for message in ends.reader.take(10)):

@@ -16,7 +16,9 @@ fn main() -> Result<(), Box<dyn Error>> {
                 "sensor" => Qos::SENSOR_DATA,
                 "default" => Qos::DEFAULT,
                 "latched" => Qos::LATCHED,
-                other => return Err(format!("`{other}` is none of sensor, default, latched").into()),
+                other => {
+                    return Err(format!("`{other}` is none of sensor, default, latched").into());
+                }
             };
             (from, to, message_type, qos)
         }
@@ -24,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let (domain, settings) = Settings::from_environment()?;
     let participant = Participant::new(domain, settings)?;
-    let publisher = participant.advertise(to, message_type, qos, None)?;
+    let publisher = participant.advertise(to, message_type, qos)?;
     let subscription = participant.subscribe(
         from,
         message_type,

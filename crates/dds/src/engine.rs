@@ -96,7 +96,7 @@ pub(crate) struct Engine {
     announce_at: Instant,
     /// Datagrams that were not of RTPS or contradicted themselves.
     pub(crate) malformed: u64,
-    /// Participants, readers and writers beyond the limits.
+    /// Announcements beyond the limits, or without an address that is reached.
     pub(crate) not_admitted: u64,
 }
 
@@ -397,7 +397,7 @@ impl Engine {
             } => {
                 let from = Guid::new(source, writer);
                 let gone = announcement::whose_end(parameters, payload, is_key)?;
-                self.to_readers(reader, from, |id, reader| {
+                self.each_reader(reader, from, |id, reader| {
                     let message = match gone {
                         // An announcement without a topic is that of an end.
                         Some(guid) if is_builtin(id) => announcement::key(guid),
@@ -405,13 +405,13 @@ impl Engine {
                         _ => Vec::new(),
                     };
                     deliver(id, &mut messages, |ready| {
-                        reader.data(from, number, message, ready)
+                        reader.data(from, number, message, ready);
                     });
                 });
             }
             Submessage::Fragments(fragments) => {
                 let from = Guid::new(source, fragments.writer);
-                self.to_readers(fragments.reader, from, |id, reader| {
+                self.each_reader(fragments.reader, from, |id, reader| {
                     deliver(id, &mut messages, |ready| {
                         reader.fragments(from, &fragments, now, ready);
                     });
@@ -426,7 +426,7 @@ impl Engine {
                 is_final,
             } => {
                 let from = Guid::new(source, writer);
-                self.to_readers(reader, from, |id, reader| {
+                self.each_reader(reader, from, |id, reader| {
                     deliver(id, &mut messages, |ready| {
                         reader.heartbeat(from, (first, last), count, is_final, now, ready, out);
                     });
@@ -438,7 +438,7 @@ impl Engine {
                 number,
             } => {
                 let from = Guid::new(source, writer);
-                self.to_readers(reader, from, |_, reader| {
+                self.each_reader(reader, from, |_, reader| {
                     reader.fragment_heartbeat(from, number, now, out);
                 });
             }
@@ -449,9 +449,9 @@ impl Engine {
                 listed,
             } => {
                 let from = Guid::new(source, writer);
-                self.to_readers(reader, from, |id, reader| {
+                self.each_reader(reader, from, |id, reader| {
                     deliver(id, &mut messages, |ready| {
-                        reader.gap(from, range, &listed, ready)
+                        reader.gap(from, range, &listed, ready);
                     });
                 });
             }
@@ -501,7 +501,7 @@ impl Engine {
     }
 
     /// Calls `take` with the reader of an identifier, or, without one, all readers that a writer is matched with.
-    fn to_readers(
+    fn each_reader(
         &mut self,
         entity: EntityId,
         writer: Guid,
@@ -539,6 +539,7 @@ impl Engine {
             return;
         }
         let Some(to) = self.interfaces.destination(&data.discovery) else {
+            self.not_admitted += 1;
             return;
         };
         if is_new {

@@ -7,7 +7,7 @@
 //!
 //! let (domain, settings) = Settings::from_environment()?;
 //! let participant = Participant::new(domain, settings)?;
-//! let depth = participant.advertise("/depth", "sensor_msgs/msg/Image", Qos::DEFAULT, None)?;
+//! let depth = participant.advertise("/depth", "sensor_msgs/msg/Image", Qos::DEFAULT)?;
 //! let subscription = participant.subscribe(
 //!     "/camera/image_raw",
 //!     "sensor_msgs/msg/Image",
@@ -23,7 +23,7 @@
 //!
 //! What is implemented is what topics need: discovery of participants and of their readers and writers, messages in
 //! fragments, best effort and reliable, and the last messages for readers that come later. There are no keys, services,
-//! security profiles, shared memory or IPv6, and no representation of data but that of `rmw` implementations.
+//! security profiles, shared memory or IPv6.
 
 mod announcement;
 mod engine;

@@ -58,6 +58,28 @@ pub(crate) fn ros_type(dds: &str) -> Option<String> {
     Some(format!("{package}/msg/{message}"))
 }
 
+/// The hash of a type (REP 2011), which ROS 2 from Iron on shows and may compare; `None` for types that are not listed.
+pub(crate) fn type_hash(ros: &str) -> Option<&'static str> {
+    Some(match ros {
+        "sensor_msgs/msg/Image" => {
+            "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"
+        }
+        "sensor_msgs/msg/CompressedImage" => {
+            "RIHS01_15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a"
+        }
+        "sensor_msgs/msg/CameraInfo" => {
+            "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275"
+        }
+        "sensor_msgs/msg/PointCloud2" => {
+            "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"
+        }
+        "tf2_msgs/msg/TFMessage" => {
+            "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+        }
+        _ => return None,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

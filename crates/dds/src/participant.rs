@@ -3,6 +3,7 @@
 use std::{
     collections::{BTreeMap, VecDeque},
     hash::{BuildHasher, Hasher, RandomState},
+    io::ErrorKind,
     net::UdpSocket,
     process,
     sync::{
@@ -82,7 +83,8 @@ pub struct ParticipantCounts {
     pub malformed: u64,
     /// Datagrams that the system did not send.
     pub not_sent: u64,
-    /// Participants, readers and writers beyond the limits of their number.
+    /// Announcements of participants, readers and writers beyond the limits of their number, and of participants without
+    /// an IPv4 address that is reached.
     pub not_admitted: u64,
 }
 
@@ -168,7 +170,8 @@ impl Participant {
     /// Calls `take` with every message of a topic, on a thread of its own: the four bytes of the encapsulation, then CDR.
     ///
     /// `topic` is a name such as `/camera/image_raw`, `message_type` one such as `sensor_msgs/msg/Image`. Messages arrive
-    /// until the subscription is dropped. While `take` runs, as many as `qos.depth` wait; older ones are dropped.
+    /// until the subscription is dropped. While `take` runs, as many as `qos.depth` wait; older ones are dropped. Up to three
+    /// bytes of padding may follow a message of less than 64 kB.
     ///
     /// # Errors
     ///
@@ -180,7 +183,7 @@ impl Participant {
         qos: Qos,
         mut take: Box<dyn FnMut(Vec<u8>) + Send>,
     ) -> Result<Subscription> {
-        let topic = topic_name(topic, message_type, None)?;
+        let topic = topic_name(topic, message_type)?;
         let queue = Arc::new(Queue {
             depth: qos.depth.max(1),
             waiting: Mutex::default(),
@@ -213,20 +216,13 @@ impl Participant {
         })
     }
 
-    /// Returns a publisher of a topic. Names are as in [`subscribe`](Self::subscribe); `type_hash` is the hash of the type
-    /// that ROS 2 from Iron on compares (`RIHS01_...`), and may be left out.
+    /// Returns a publisher of a topic. Names are as in [`subscribe`](Self::subscribe).
     ///
     /// # Errors
     ///
     /// A name that ROS 2 does not have.
-    pub fn advertise(
-        &self,
-        topic: &str,
-        message_type: &str,
-        qos: Qos,
-        type_hash: Option<&str>,
-    ) -> Result<Publisher> {
-        let topic = topic_name(topic, message_type, type_hash)?;
+    pub fn advertise(&self, topic: &str, message_type: &str, qos: Qos) -> Result<Publisher> {
+        let topic = topic_name(topic, message_type)?;
         let mut out = Vec::new();
         let entity = {
             let mut engine = self.shared.engine();
@@ -305,9 +301,18 @@ impl Shared {
         let mut datagram = vec![0; 1 << 16];
         let (mut out, mut ready) = (Vec::new(), Vec::new());
         while !self.ends.load(Ordering::Relaxed) {
-            // After the timeout, and after errors that Windows reports of earlier datagrams.
-            let Ok((length, _)) = socket.recv_from(&mut datagram) else {
-                continue;
+            let length = match socket.recv_from(&mut datagram) {
+                Ok((length, _)) => length,
+                Err(error)
+                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
+                {
+                    continue;
+                }
+                Err(_) => {
+                    // An interface that is down, or what Windows reports of an earlier datagram.
+                    thread::sleep(TICK);
+                    continue;
+                }
             };
             self.engine()
                 .receive(&datagram[..length], Instant::now(), &mut out, &mut ready);
@@ -508,11 +513,11 @@ impl Drop for Publisher {
     }
 }
 
-fn topic_name(topic: &str, message_type: &str, type_hash: Option<&str>) -> Result<TopicName> {
+fn topic_name(topic: &str, message_type: &str) -> Result<TopicName> {
     Ok(TopicName {
         topic: names::topic(topic)?,
         message_type: names::message_type(message_type)?,
-        user_data: type_hash
+        user_data: names::type_hash(message_type)
             .map(|hash| format!("typehash={hash};").into_bytes())
             .unwrap_or_default(),
     })

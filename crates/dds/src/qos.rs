@@ -1,6 +1,6 @@
 //! Quality of service: what a topic's writers offer and its readers request.
 
-/// How messages of a topic are transferred, as in a QoS profile of ROS 2. History is always "keep last".
+/// How messages of a topic are transferred, as in a profile of ROS 2 (`QoS`). History is always "keep last".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Qos {
     /// Lost messages are sent again, as long as the writer keeps them. A reader that requests this is not matched with

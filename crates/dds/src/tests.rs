@@ -173,14 +173,19 @@ const DISCOVERY: Duration = Duration::from_secs(2);
 
 #[test]
 fn messages_of_any_size_arrive_unchanged_in_both_directions() {
-    for addresses in [[[10, 0, 0, 1], [10, 0, 0, 1]], [[10, 0, 0, 1], [10, 0, 0, 2]]] {
+    for addresses in [
+        [[10, 0, 0, 1], [10, 0, 0, 1]],
+        [[10, 0, 0, 1], [10, 0, 0, 2]],
+    ] {
         let mut network = Network::new(&addresses);
         let there = network.writer(0, "there", Qos::SENSOR_DATA);
         let back = network.writer(1, "back", Qos::DEFAULT);
         network.reader(1, "there", Qos::SENSOR_DATA);
         network.reader(0, "back", Qos::DEFAULT);
         network.run(DISCOVERY);
-        for length in [4, 5, 6, 7, 8, 1279, 1280, 1281, 1283, 2560, 61_440, 61_441, IMAGE, LARGEST] {
+        for length in [
+            4, 5, 6, 7, 8, 1279, 1280, 1281, 1283, 2560, 61_440, 61_441, IMAGE, LARGEST,
+        ] {
             let sent = message(length, length);
             network.write(0, there, &sent);
             assert!(network.taken(1) == [sent.clone()], "{length} bytes there");
@@ -353,7 +358,9 @@ fn no_datagram_is_fatal() {
                 let at = below(datagram.bytes.len());
                 datagram.bytes[at] = below(256) as u8;
             }
-            datagram.bytes.truncate(20 + below(2 * datagram.bytes.len()));
+            datagram
+                .bytes
+                .truncate(20 + below(2 * datagram.bytes.len()));
         }
         network.arrive();
         network.run(STEP);
