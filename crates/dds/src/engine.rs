@@ -516,7 +516,7 @@ impl Engine {
                 (SUBSCRIPTIONS_READER, &mut self.subscriptions_reader),
             ]);
         for (id, reader) in readers {
-            if (entity == id || entity == UNKNOWN) && reader.writers().any(|guid| guid == writer) {
+            if (entity == id || entity == UNKNOWN) && reader.has_writer(writer) {
                 take(id, reader);
             }
         }
@@ -688,7 +688,7 @@ impl Engine {
         let Some((data, reader)) = self.readers.get(&entity) else {
             return Default::default();
         };
-        let matched = reader.writers().count();
+        let matched = reader.writers();
         (matches(matched, data, &self.remote_writers), reader.counts)
     }
 
@@ -697,7 +697,7 @@ impl Engine {
         let Some((data, writer)) = self.writers.get(&entity) else {
             return Default::default();
         };
-        let matched = writer.readers().count();
+        let matched = writer.readers();
         (
             matches(matched, data, &self.remote_readers),
             writer.repaired,

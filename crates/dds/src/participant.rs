@@ -170,8 +170,8 @@ impl Participant {
     /// Calls `take` with every message of a topic, on a thread of its own: the four bytes of the encapsulation, then CDR.
     ///
     /// `topic` is a name such as `/camera/image_raw`, `message_type` one such as `sensor_msgs/msg/Image`. Messages arrive
-    /// until the subscription is dropped. While `take` runs, as many as `qos.depth` wait; older ones are dropped. Up to three
-    /// bytes of padding may follow a message of less than 64 kB.
+    /// until the subscription is dropped, except those of this participant's own publishers. While `take` runs, as many
+    /// as `qos.depth` wait; older ones are dropped. Up to three bytes of padding may follow a message of less than 64 kB.
     ///
     /// # Errors
     ///

@@ -28,6 +28,9 @@ const GREET: Duration = Duration::from_millis(200);
 /// Complete messages of a writer that wait for an earlier one. With more, the earlier one is given up.
 const AHEAD: usize = 64;
 
+/// As far as a set of missing messages reaches.
+const REACH: u64 = 256;
+
 /// Incomplete messages of a writer. With more, one is given up.
 const INCOMPLETE: usize = 8;
 
@@ -92,8 +95,13 @@ impl Reader {
         }
     }
 
-    pub(crate) fn writers(&self) -> impl Iterator<Item = Guid> {
-        self.sources.keys().copied()
+    /// Number of matched writers.
+    pub(crate) fn writers(&self) -> usize {
+        self.sources.len()
+    }
+
+    pub(crate) fn has_writer(&self, writer: Guid) -> bool {
+        self.sources.contains_key(&writer)
     }
 
     pub(crate) fn add(&mut self, writer: Guid, to: SocketAddrV4, now: Instant) {
@@ -150,6 +158,7 @@ impl Reader {
         if source.ahead.len() > AHEAD
             && let Some((&first, _)) = source.ahead.first_key_value()
         {
+            source.next.get_or_insert(first);
             source.skip_to(first, &mut self.counts, ready);
         }
         source.deliver(&mut self.counts, ready);
@@ -178,11 +187,15 @@ impl Reader {
         }
         let first = first - 1;
         let of_message = total.div_ceil(size);
-        let bytes = first * size..((first + count) * size).min(total);
-        if first + count > of_message || fragments.payload.len() < bytes.len() {
+        // In this order: sums and products are no larger than the message then.
+        if first >= of_message
+            || count > of_message - first
+            || fragments.payload.len() < ((first + count) * size).min(total) - first * size
+        {
             self.counts.refused += 1;
             return;
         }
+        let bytes = first * size..((first + count) * size).min(total);
         if source.reliable && !self.wants_history {
             source.next.get_or_insert(number);
         }
@@ -288,13 +301,13 @@ impl Reader {
         if first <= next {
             source.skip_to(after, &mut self.counts, ready);
         } else {
-            // As far as a set of missing messages reaches.
-            for number in first..after.min(next + 256) {
+            for number in first..after.min(next + REACH) {
                 source.ahead.entry(number).or_insert(None);
                 source.incomplete.remove(&number);
             }
         }
-        for &number in listed.iter().filter(|&&number| number >= next) {
+        let ahead = next..next + REACH;
+        for &number in listed.iter().filter(|&number| ahead.contains(number)) {
             source.ahead.entry(number).or_insert(None);
             source.incomplete.remove(&number);
         }
@@ -363,7 +376,7 @@ impl Source {
 
     fn ask(&mut self, reader: Guid, writer: Guid, now: Instant, out: &mut Vec<Datagram>) {
         let next = self.next.unwrap_or(1);
-        let missing: Vec<u64> = (next..=self.announced.min(next + 255))
+        let missing: Vec<u64> = (next..=self.announced.min(next + REACH - 1))
             .filter(|number| {
                 !self.ahead.contains_key(number) && !self.incomplete.contains_key(number)
             })

@@ -92,8 +92,9 @@ impl Writer {
         }
     }
 
-    pub(crate) fn readers(&self) -> impl Iterator<Item = Guid> {
-        self.followers.keys().copied()
+    /// Number of matched readers.
+    pub(crate) fn readers(&self) -> usize {
+        self.followers.len()
     }
 
     /// Adds a reader, to which messages that are kept are sent if `wants_history`.
