@@ -1,0 +1,420 @@
+//! A reader: messages of each matched writer, put together from fragments, in order, and requested again if they are
+//! missing (OMG DDSI-RTPS 2.5, chapter 8.4.12).
+
+use std::{
+    collections::BTreeMap,
+    mem,
+    net::SocketAddrV4,
+    time::{Duration, Instant},
+};
+
+use crate::{
+    wire::{Fragments, Guid, Output},
+    writer::Datagram,
+};
+
+/// Without fragments for so long, those that are missing are requested.
+const ASK: Duration = Duration::from_millis(20);
+
+/// Between two requests for the same.
+const ASK_AGAIN: Duration = Duration::from_millis(4);
+
+/// Bytes of a request. What does not fit is requested later.
+const REQUEST: usize = 16 << 10;
+
+/// Between two requests to a writer that has not announced anything.
+const GREET: Duration = Duration::from_millis(200);
+
+/// Complete messages of a writer that wait for an earlier one. With more, the earlier one is given up.
+const AHEAD: usize = 64;
+
+/// As far as a set of missing messages reaches.
+const REACH: u64 = 256;
+
+/// Incomplete messages of a writer. With more, one is given up.
+const INCOMPLETE: usize = 8;
+
+/// What became of messages. Numbers only grow.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReceptionCounts {
+    /// Messages received in whole.
+    pub received: u64,
+    /// Messages that a writer had sent, and that were not received: lost on the way, or given up by the writer.
+    pub lost: u64,
+    /// Submessages that contradict themselves, and messages larger than
+    /// [`Settings::largest_message`](crate::Settings::largest_message).
+    pub refused: u64,
+}
+
+/// A message of which fragments are missing.
+struct Incomplete {
+    message: Vec<u8>,
+    size: u16,
+    has: Vec<bool>,
+    missing: usize,
+}
+
+/// A matched writer.
+struct Source {
+    to: SocketAddrV4,
+    reliable: bool,
+    /// The first message that is not received, once it is known.
+    next: Option<u64>,
+    /// Later ones; `None` for those that are not sent to this reader.
+    ahead: BTreeMap<u64, Option<Vec<u8>>>,
+    incomplete: BTreeMap<u64, Incomplete>,
+    /// The last that the writer has announced.
+    announced: u64,
+    heartbeat: Option<u32>,
+    requests: u32,
+    /// No request before, unless something is announced.
+    ask_at: Instant,
+    asked: Option<Instant>,
+    /// Something was received: what is missing from then on is lost.
+    has_begun: bool,
+}
+
+pub(crate) struct Reader {
+    guid: Guid,
+    reliable: bool,
+    wants_history: bool,
+    largest: usize,
+    sources: BTreeMap<Guid, Source>,
+    pub(crate) counts: ReceptionCounts,
+}
+
+impl Reader {
+    pub(crate) fn new(guid: Guid, reliable: bool, wants_history: bool, largest: usize) -> Self {
+        Self {
+            guid,
+            reliable,
+            wants_history,
+            largest,
+            sources: BTreeMap::new(),
+            counts: ReceptionCounts::default(),
+        }
+    }
+
+    /// Number of matched writers.
+    pub(crate) fn writers(&self) -> usize {
+        self.sources.len()
+    }
+
+    pub(crate) fn has_writer(&self, writer: Guid) -> bool {
+        self.sources.contains_key(&writer)
+    }
+
+    pub(crate) fn add(&mut self, writer: Guid, to: SocketAddrV4, now: Instant) {
+        self.sources
+            .entry(writer)
+            .and_modify(|source| source.to = to)
+            .or_insert(Source {
+                to,
+                reliable: self.reliable,
+                next: None,
+                ahead: BTreeMap::new(),
+                incomplete: BTreeMap::new(),
+                announced: 0,
+                heartbeat: None,
+                requests: 0,
+                ask_at: now,
+                asked: None,
+                has_begun: false,
+            });
+    }
+
+    pub(crate) fn remove(&mut self, is_gone: impl Fn(Guid) -> bool) {
+        self.sources.retain(|&writer, _| !is_gone(writer));
+    }
+
+    /// Takes a complete message; those that can be delivered are added to `ready`. One without bytes only counts in the
+    /// order.
+    pub(crate) fn data(
+        &mut self,
+        writer: Guid,
+        number: u64,
+        message: Vec<u8>,
+        ready: &mut Vec<Vec<u8>>,
+    ) {
+        let Some(source) = self.sources.get_mut(&writer) else {
+            return;
+        };
+        if number == 0 || source.has(number) {
+            return;
+        }
+        source.incomplete.remove(&number);
+        if !source.reliable {
+            let next = source.next.unwrap_or(number);
+            self.counts.lost += number - next;
+            source.next = Some(number + 1);
+            source.incomplete.retain(|&other, _| other > number);
+            deliver(message, &mut self.counts, ready);
+            return;
+        }
+        if !self.wants_history {
+            source.next.get_or_insert(number);
+        }
+        source.ahead.insert(number, Some(message));
+        if source.ahead.len() > AHEAD
+            && let Some((&first, _)) = source.ahead.first_key_value()
+        {
+            source.next.get_or_insert(first);
+            source.skip_to(first, &mut self.counts, ready);
+        }
+        source.deliver(&mut self.counts, ready);
+    }
+
+    /// Takes fragments of a message.
+    pub(crate) fn fragments(
+        &mut self,
+        writer: Guid,
+        fragments: &Fragments<'_>,
+        now: Instant,
+        ready: &mut Vec<Vec<u8>>,
+    ) {
+        let Some(source) = self.sources.get_mut(&writer) else {
+            return;
+        };
+        let number = fragments.number;
+        if number == 0 || source.has(number) {
+            return;
+        }
+        let (size, total) = (usize::from(fragments.size), fragments.total as usize);
+        let (first, count) = (fragments.start as usize, usize::from(fragments.count));
+        if size == 0 || total == 0 || total > self.largest || first == 0 || count == 0 {
+            self.counts.refused += 1;
+            return;
+        }
+        let first = first - 1;
+        let of_message = total.div_ceil(size);
+        // In this order: sums and products are no larger than the message then.
+        if first >= of_message
+            || count > of_message - first
+            || fragments.payload.len() < ((first + count) * size).min(total) - first * size
+        {
+            self.counts.refused += 1;
+            return;
+        }
+        let bytes = first * size..((first + count) * size).min(total);
+        if source.reliable && !self.wants_history {
+            source.next.get_or_insert(number);
+        }
+        source.ask_at = now + ASK;
+        let incomplete = source
+            .incomplete
+            .entry(number)
+            .or_insert_with(|| Incomplete {
+                message: vec![0; total],
+                size: fragments.size,
+                has: vec![false; of_message],
+                missing: of_message,
+            });
+        if incomplete.message.len() != total || incomplete.size != fragments.size {
+            self.counts.refused += 1;
+            return;
+        }
+        let length = bytes.len();
+        incomplete.message[bytes].copy_from_slice(&fragments.payload[..length]);
+        for has in &mut incomplete.has[first..first + count] {
+            incomplete.missing -= usize::from(!mem::replace(has, true));
+        }
+        if incomplete.missing == 0 {
+            if let Some(complete) = source.incomplete.remove(&number) {
+                self.data(writer, number, complete.message, ready);
+            }
+        } else if source.incomplete.len() > INCOMPLETE {
+            // The oldest cannot be completed without repair; the newest can be requested again.
+            if source.reliable {
+                source.incomplete.pop_last();
+            } else {
+                source.incomplete.pop_first();
+            }
+        }
+    }
+
+    /// A writer has the messages from `first` to `last`.
+    pub(crate) fn heartbeat(
+        &mut self,
+        writer: Guid,
+        (first, last): (u64, u64),
+        count: u32,
+        is_final: bool,
+        now: Instant,
+        ready: &mut Vec<Vec<u8>>,
+        out: &mut Vec<Datagram>,
+    ) {
+        let Some(source) = self.sources.get_mut(&writer) else {
+            return;
+        };
+        if !source.reliable || first == 0 || last < first - 1 {
+            return;
+        }
+        if source
+            .heartbeat
+            .is_some_and(|seen| count.wrapping_sub(seen).wrapping_sub(1) >= 1 << 31)
+        {
+            return;
+        }
+        source.heartbeat = Some(count);
+        source.announced = source.announced.max(last);
+        let start = if self.wants_history { first } else { last + 1 };
+        source.next.get_or_insert(start);
+        source.skip_to(first, &mut self.counts, ready);
+        source.deliver(&mut self.counts, ready);
+        let complete = source.is_complete();
+        if source.may_ask(now) && (!complete || !is_final) {
+            source.ask(self.guid, writer, now, out);
+        }
+    }
+
+    /// Requests fragments that the writer has sent in whole.
+    pub(crate) fn fragment_heartbeat(
+        &mut self,
+        writer: Guid,
+        number: u64,
+        now: Instant,
+        out: &mut Vec<Datagram>,
+    ) {
+        if let Some(source) = self.sources.get_mut(&writer)
+            && source.reliable
+            && source.incomplete.contains_key(&number)
+            && source.may_ask(now)
+        {
+            source.ask(self.guid, writer, now, out);
+        }
+    }
+
+    /// Messages that are not sent to this reader.
+    pub(crate) fn gap(
+        &mut self,
+        writer: Guid,
+        (first, after): (u64, u64),
+        listed: &[u64],
+        ready: &mut Vec<Vec<u8>>,
+    ) {
+        let Some(source) = self.sources.get_mut(&writer) else {
+            return;
+        };
+        let Some(next) = source.next.filter(|_| source.reliable) else {
+            return;
+        };
+        if first <= next {
+            source.skip_to(after, &mut self.counts, ready);
+        } else {
+            for number in first..after.min(next + REACH) {
+                source.ahead.entry(number).or_insert(None);
+                source.incomplete.remove(&number);
+            }
+        }
+        let ahead = next..next + REACH;
+        for &number in listed.iter().filter(|&number| ahead.contains(number)) {
+            source.ahead.entry(number).or_insert(None);
+            source.incomplete.remove(&number);
+        }
+        source.deliver(&mut self.counts, ready);
+    }
+
+    /// Requests what is missing, or a first announcement.
+    pub(crate) fn tick(&mut self, now: Instant, out: &mut Vec<Datagram>) {
+        for (&writer, source) in &mut self.sources {
+            if source.reliable
+                && now >= source.ask_at
+                && (source.heartbeat.is_none() || !source.is_complete())
+            {
+                source.ask(self.guid, writer, now, out);
+            }
+        }
+    }
+}
+
+impl Source {
+    fn has(&self, number: u64) -> bool {
+        self.next.is_some_and(|next| number < next) || self.ahead.contains_key(&number)
+    }
+
+    fn may_ask(&self, now: Instant) -> bool {
+        self.asked.is_none_or(|asked| now >= asked + ASK_AGAIN)
+    }
+
+    fn is_complete(&self) -> bool {
+        self.incomplete.is_empty() && self.next.is_some_and(|next| next > self.announced)
+    }
+
+    /// Gives up what is missing before `number`, and delivers what is not.
+    fn skip_to(&mut self, number: u64, counts: &mut ReceptionCounts, ready: &mut Vec<Vec<u8>>) {
+        let Some(next) = self.next.filter(|&next| next < number) else {
+            return;
+        };
+        let later = self.ahead.split_off(&number);
+        let before = mem::replace(&mut self.ahead, later);
+        if self.has_begun {
+            counts.lost += number - next - before.values().flatten().count() as u64;
+        }
+        for message in before.into_values().flatten() {
+            self.has_begun = true;
+            deliver(message, counts, ready);
+        }
+        self.incomplete.retain(|&other, _| other >= number);
+        self.next = Some(number);
+    }
+
+    /// Delivers what is complete up to the first that is missing.
+    fn deliver(&mut self, counts: &mut ReceptionCounts, ready: &mut Vec<Vec<u8>>) {
+        while let Some(next) = self.next
+            && let Some(message) = self.ahead.remove(&next)
+        {
+            self.next = Some(next + 1);
+            match message {
+                Some(message) => {
+                    self.has_begun = true;
+                    deliver(message, counts, ready);
+                }
+                None => counts.lost += u64::from(self.has_begun),
+            }
+        }
+    }
+
+    fn ask(&mut self, reader: Guid, writer: Guid, now: Instant, out: &mut Vec<Datagram>) {
+        let next = self.next.unwrap_or(1);
+        let missing: Vec<u64> = (next..=self.announced.min(next + REACH - 1))
+            .filter(|number| {
+                !self.ahead.contains_key(number) && !self.incomplete.contains_key(number)
+            })
+            .collect();
+        let greets = self.heartbeat.is_none();
+        let ids = (reader.entity, writer.entity);
+        let mut output = Output::new(reader.prefix, Some(writer.prefix));
+        self.requests += 1;
+        let is_final = missing.is_empty() && !greets;
+        output.acknowledge(ids, next, &missing, self.requests, is_final);
+        for (&number, incomplete) in &self.incomplete {
+            let mut missing: Vec<u64> = (1..)
+                .zip(&incomplete.has)
+                .filter(|(_, has)| !**has)
+                .map(|(fragment, _)| fragment)
+                .collect();
+            while let Some(&base) = missing.first()
+                && output.len() < REQUEST
+            {
+                let further = missing.partition_point(|fragment| fragment - base < 256);
+                let later = missing.split_off(further);
+                self.requests += 1;
+                output.missing_fragments(ids, number, &missing, self.requests);
+                missing = later;
+            }
+        }
+        out.push(Datagram {
+            to: self.to,
+            bytes: output.finish(),
+        });
+        self.asked = Some(now);
+        self.ask_at = now + if greets { GREET } else { ASK };
+    }
+}
+
+fn deliver(message: Vec<u8>, counts: &mut ReceptionCounts, ready: &mut Vec<Vec<u8>>) {
+    if !message.is_empty() {
+        counts.received += 1;
+        ready.push(message);
+    }
+}
