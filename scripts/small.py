@@ -3,7 +3,7 @@
 
     python3 scripts/small.py
 
-Builds the example `minimal` of lsdc-core with the weights `small` alone, as a release is built (some minutes). It may have
+Builds the example `minimal` of lsdc-core with the weights `small` alone, in the profile of that name (some minutes). It may have
 8 MB. Completes 640x480 pixels with 500 points by `small`, with it and with `lsdc complete` if that is built: each may take
 120 MB (`ru_maxrss`). Linux; needs no NumPy.
 """
@@ -61,9 +61,9 @@ def memory(command: list) -> int:
 
 def main() -> None:
     features = ["--no-default-features", "--features", "weights-small"]
-    build = ["cargo", "build", "--profile", "dist", "-q", "--locked", "-p", "lsdc-core", *features, "--example", "minimal"]
+    build = ["cargo", "build", "--profile", "minimal", "-q", "--locked", "-p", "lsdc-core", *features, "--example", "minimal"]
     subprocess.run(build, check=True, cwd=ROOT)
-    minimal = TARGET / "dist/examples/minimal"
+    minimal = TARGET / "minimal/examples/minimal"
     found = [("size of a minimal program", minimal.stat().st_size, MOST_SIZE)]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -31,8 +31,8 @@ pub fn keep_pages() {
     }
 }
 
-/// Hands freed pages back to the system, which [`keep_pages`] prevents otherwise: those of the network, before a fit that
-/// needs other memory. It changes nothing where the C library is not glibc.
+/// Hands freed pages back to the system, which [`keep_pages`] prevents otherwise: those of one stage, before the next needs
+/// others. It changes nothing where the C library is not glibc.
 pub fn give_back_pages() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: the call takes a number, and may be made while other threads run.

@@ -443,9 +443,13 @@ lsdc_status lsdc_completer_create_from_memory(const void *data,
                                               const struct lsdc_completer_options *options,
                                               struct lsdc_completer **completer);
 
-/// Frees the memory that a completer keeps for further images and fits, of which the latter is shared by all completers. A
-/// program that has little memory calls it after `lsdc_scene_create`; later calls allocate again.
+/// Frees the memory that a completer keeps for further images and fits, of which the latter is shared by all completers, and
+/// with glibc hands all free memory of the process back to the system. A program that has little memory calls it after
+/// `lsdc_scene_create`; later calls allocate again.
 lsdc_status lsdc_completer_release(const struct lsdc_completer *completer);
+
+/// Of glibc, whose allocator keeps freed memory for the thread that had it.
+extern int malloc_trim(size_t kept);
 
 /// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A
 /// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.

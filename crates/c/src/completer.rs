@@ -7,7 +7,7 @@ use crate::pool::{Pool, Pooled};
 use crate::status::lsdc_status;
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
 use lsdc_core::{Completer, Weights};
-use std::ffi::{c_char, c_void};
+use std::ffi::{c_char, c_int, c_void};
 
 /// A trained network with the settings of the fit, and threads.
 pub struct lsdc_completer {
@@ -123,14 +123,26 @@ pub unsafe extern "C" fn lsdc_completer_create_from_memory(
     guard(|| unsafe { make(weights, options, completer) })
 }
 
-/// Frees the memory that a completer keeps for further images and fits, of which the latter is shared by all completers. A
-/// program that has little memory calls it after `lsdc_scene_create`; later calls allocate again.
+/// Frees the memory that a completer keeps for further images and fits, of which the latter is shared by all completers, and
+/// with glibc hands all free memory of the process back to the system. A program that has little memory calls it after
+/// `lsdc_scene_create`; later calls allocate again.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_completer_release(completer: *const lsdc_completer) -> lsdc_status {
     guard(|| {
         COMPLETERS.get(completer)?.value.release();
+        #[cfg(all(target_os = "linux", target_env = "gnu"))]
+        // SAFETY: it takes a number, and may be called while other threads allocate.
+        unsafe {
+            malloc_trim(0);
+        }
         Ok(())
     })
+}
+
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+unsafe extern "C" {
+    /// Of glibc, whose allocator keeps freed memory for the thread that had it.
+    fn malloc_trim(kept: usize) -> c_int;
 }
 
 /// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A

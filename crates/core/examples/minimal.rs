@@ -1,6 +1,6 @@
 //! A program for small machines: the weights `small` alone, one image, no other library.
 //!
-//!     cargo build --profile dist -p lsdc-core --no-default-features --features weights-small --example minimal
+//!     cargo build --profile minimal -p lsdc-core --no-default-features --features weights-small --example minimal
 //!     minimal IMAGE.ppm POINTS.csv DEPTH.npy
 //!
 //! Points are lines of `u,v,depth`: columns and rows in pixels, metres. `scripts/small.py` checks its size and memory.

@@ -64,6 +64,8 @@ fn one(settings: &Settings, job: &Job, pipes: &Pipes) -> Result<Exit> {
     outputs.check_apart(job)?;
     let frame = job.load(settings)?;
     let found = Engine::new(settings, true)?.complete(&frame)?;
+    // Before the memory of pictures and files.
+    process::give_back_pages();
     let format_data = outputs.format_data(&frame, &found)?;
     let summary = Summary::new(&job.name, &frame, &found, &format_data);
     for remark in summary.remarks() {
