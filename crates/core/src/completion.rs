@@ -229,18 +229,18 @@ impl Completion {
     /// position); otherwise basis functions and field are evaluated at that resolution.
     ///
     /// # Errors
-    /// An implausible size.
+    /// An implausible size, or a network on a device that has failed.
     pub fn depth_at(&self, width: usize, height: usize) -> Result<DepthMap> {
         check_size(width, height)?;
-        let values = self.averaged_map(width, |own| Ok(own.dense((height, width))))?;
+        let values = self.averaged_map(width, |own| own.finite((height, width)))?;
         DepthMap::new(width, height, values)
     }
 
     /// Writes the dense depth into a buffer of the caller, whose rows start `stride` values apart.
     ///
     /// # Errors
-    /// An implausible size, rows that overlap, or a buffer that is too short; the buffer is then left
-    /// unchanged.
+    /// An implausible size, rows that overlap, a buffer that is too short, or a network on a device that has failed; the
+    /// buffer is then left unchanged.
     pub fn write_depth(
         &self,
         width: usize,
@@ -250,7 +250,7 @@ impl Completion {
     ) -> Result<()> {
         check_size(width, height)?;
         check_rows(width, height, 1, stride, buffer.len())?;
-        let values = self.averaged_map(width, |own| Ok(own.dense((height, width))))?;
+        let values = self.averaged_map(width, |own| own.finite((height, width)))?;
         let rows = buffer.chunks_mut(stride).zip(values.chunks_exact(width));
         rows.for_each(|(row, values)| row[..width].copy_from_slice(values));
         Ok(())
@@ -363,7 +363,16 @@ impl Completion {
             .count()
     }
 
-    /// The dense depth of this fit alone.
+    /// The dense depth of this fit alone, if the device of the network has not failed.
+    fn finite(&self, size: (usize, usize)) -> Result<Vec<f32>> {
+        let values = self.dense(size);
+        if values.iter().any(|value| value.is_nan()) {
+            return Err(FitError::NotFinite.into());
+        }
+        Ok(values)
+    }
+
+    /// The dense depth of this fit alone; NaN where the device of the network has failed.
     pub(crate) fn dense(&self, size: (usize, usize)) -> Vec<f32> {
         let Inner { scene, detail, .. } = &*self.0;
         scene.completer().run(|| {

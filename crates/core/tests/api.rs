@@ -3,11 +3,13 @@
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
 
+use lsdc_core::network::{Basis, CpuNetwork, Forward, Network};
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{
     Camera, Channels, Cloud, Completer, DepthMap, Error, FitError, Image, Lens, Observation,
-    Observations, Scene, Weights,
+    Observations, Result, Scene, Weights,
 };
+use lsdc_kernels::simd::Level;
 use std::process::Command;
 use std::sync::{Arc, LazyLock};
 
@@ -749,4 +751,58 @@ fn the_only_fit_to_an_image_is_that_of_any_other() {
             kept.standard_deviation().unwrap()
         );
     }
+}
+
+/// A network on a device that fails when a map is computed.
+#[derive(Debug)]
+struct Failing(Arc<dyn Network>);
+
+#[derive(Debug)]
+struct FailingForward(Box<dyn Forward>);
+
+#[derive(Debug)]
+struct FailingBasis(Box<dyn Basis>);
+
+impl Network for Failing {
+    fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>> {
+        Ok(Box::new(FailingForward(self.0.forward(image, size)?)))
+    }
+}
+
+impl Forward for FailingForward {
+    fn basis(&self) -> Box<dyn Basis> {
+        Box::new(FailingBasis(self.0.basis()))
+    }
+
+    fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
+        self.0.affinities()
+    }
+}
+
+impl Basis for FailingBasis {
+    fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        self.0.at(size, places)
+    }
+
+    fn combine(&self, (height, width): (usize, usize), _: &[f64]) -> Vec<f32> {
+        vec![f32::NAN; height * width]
+    }
+}
+
+#[test]
+fn a_device_that_fails_during_a_completion_is_an_error() {
+    let weights = Weights::builtin_small();
+    let network = CpuNetwork::new(&weights.network, &weights.tensors, None, Level::here()).unwrap();
+    let builder = Completer::builder(&weights).network(Arc::new(Failing(Arc::new(network))));
+    let completer = builder.build().unwrap();
+    let grey = vec![128_u8; 3 * 64 * 48];
+    let image = Image::new(64, 48, Channels::Rgb, &grey).unwrap();
+    let mut points = Observations::new();
+    for i in 0..30 {
+        points.add(f64::from(2 * i), f64::from(i), 2.0);
+    }
+    let scene = completer.scene(&image).unwrap();
+    let depth = scene.complete(&points).and_then(|found| found.depth());
+    let error = depth.unwrap_err();
+    assert!(error.to_string().contains("not finite"), "{error}");
 }

@@ -107,13 +107,14 @@ struct Inner {
 }
 
 impl Gpu {
-    /// The GPU of a kind, which is opened once in a process.
+    /// The GPU of a kind, which is opened once in a process, and again if it has failed.
     ///
     /// # Errors
     /// As for [`Gpu::open`].
     pub fn shared(adapter: Adapter) -> Result<Self, GpuError> {
         static OPENED: Mutex<Vec<(Adapter, Gpu)>> = Mutex::new(Vec::new());
         let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
+        opened.retain(|(_, gpu)| gpu.check().is_ok());
         if let Some((_, gpu)) = opened.iter().find(|(known, _)| *known == adapter) {
             return Ok(gpu.clone());
         }
@@ -275,7 +276,7 @@ impl Gpu {
         self.0.pool.take(&self.0.device, bytes, usage)
     }
 
-    /// Waits for values. Where the driver has failed, they are NaN, which no fit accepts.
+    /// Waits for values. Where the driver has failed, they are NaN, which is an error of fits and maps.
     pub(crate) fn wait(&self, part: Part, pending: Pending) -> Vec<f32> {
         let waited = self.0.device.poll(PollType::Wait {
             submission_index: Some(pending.after.clone()),
@@ -289,10 +290,11 @@ impl Gpu {
         self.count(part, more);
         if let Err(error) = &waited {
             let _ = self.0.failure.set(error.to_string());
+        } else if !pending.mapped.load(Ordering::Acquire) {
+            let _ = self.0.failure.set("results cannot be read".to_owned());
         }
-        let mapped = pending.mapped.load(Ordering::Acquire) && self.0.failure.get().is_none();
-        let range = mapped.then(|| pending.staging.get_mapped_range(0..pending.bytes));
-        match range {
+        let sound = self.0.failure.get().is_none();
+        match sound.then(|| pending.staging.get_mapped_range(0..pending.bytes)) {
             Some(Ok(range)) => bytemuck::pod_collect_to_vec(&range),
             _ => vec![f32::NAN; pending.bytes as usize / 4],
         }

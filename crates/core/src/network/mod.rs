@@ -91,7 +91,8 @@ pub trait Basis: Debug + Send + Sync {
     /// function is the constant 1. Position (0, 0) is the centre of the first pixel.
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32>;
 
-    /// Basis functions x weights (N + 1 of them), at every pixel of the image at `size`.
+    /// Basis functions x weights (N + 1 of them), at every pixel of the image at `size`. A device that has failed
+    /// returns NaN here and elsewhere, which is an error of completions.
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32>;
 }
 
