@@ -164,7 +164,6 @@ fn of_views(views: &DescribedViews) -> String {
     let counts = [
         (views.occluded, "behind the surface"),
         (views.contradicting, "in front of it"),
-        (views.outliers, "outliers"),
         (views.doubled, "seen twice"),
         (views.thinned, "too many"),
     ];

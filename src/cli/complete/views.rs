@@ -226,7 +226,6 @@ impl FrameViews {
             carried: report.carried(),
             occluded: sum(|view| view.occluded),
             contradicting: sum(|view| view.contradicting),
-            outliers: sum(|view| view.outliers),
             doubled: sum(|view| view.doubled),
             thinned: sum(|view| view.thinned),
             errors: report.errors,
@@ -247,7 +246,6 @@ pub(super) struct DescribedViews {
     pub(super) carried: usize,
     pub(super) occluded: usize,
     pub(super) contradicting: usize,
-    pub(super) outliers: usize,
     pub(super) doubled: usize,
     pub(super) thinned: usize,
     /// Mean relative leave-one-out errors of the image's own points, without and with the others.
@@ -267,14 +265,25 @@ struct DescribedView {
 }
 
 impl DescribedViews {
-    /// What should be checked, if anything.
+    /// What is known of points that were left out, and what should be checked, if anything.
     pub(super) fn remark(&self) -> Option<String> {
         let check = "check poses and time stamps";
-        let is_worse = self.errors.is_some_and(|[before, after]| after > before);
-        if self.outcome == "rejected" && is_worse {
+        let errors = self.errors.filter(|[before, after]| after > before);
+        if let Some([before, after]) = errors.filter(|_| self.outcome == "rejected") {
+            let carried = self.images.iter().map(|view| view.carried).sum();
+            let are_poses_right = self.inconsistent == 0
+                && self.images.iter().all(|view| view.pose_deviation == 0.0);
+            let cause = if are_poses_right {
+                "no error of the poses is found, so surfaces may be rougher than the points are dense".to_owned()
+            } else {
+                format!("{check}; if they are right, surfaces are rougher than the points are dense")
+            };
             return Some(format!(
-                "{} of other images are left out, as the image's own points are predicted worse with them: {check}",
-                counted(self.images.iter().map(|view| view.carried).sum(), "point")
+                "{} of other images are left out, as the errors of the image's own points, each predicted by the others, rise from \
+                 {:.2} to {:.2} % with them: {cause}",
+                counted(carried, "point"),
+                100.0 * before,
+                100.0 * after
             ));
         }
         (self.inconsistent > 0).then(|| {

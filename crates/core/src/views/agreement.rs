@@ -2,6 +2,7 @@
 
 use super::carry::Carried;
 use super::report::{ViewOutcome, ViewReport};
+use super::support::relative_deviation;
 use crate::completion::Completion;
 use crate::error::Result;
 use crate::fit::student_t::{ONE_DEVIATION, bound, neg_log_likelihood};
@@ -31,32 +32,17 @@ pub(super) struct Agreement {
     /// Positive if the point is farther away.
     pub(super) difference: f64,
     pub(super) deviation: f64,
-    pub(super) predicted: f64,
-}
-
-/// Where a carried point lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
-    Agrees,
-    Occluded,
-    Contradicts,
 }
 
 impl Agreement {
-    pub(super) fn verdict(&self, pose_deviation: f64) -> Verdict {
-        let most = APART * self.deviation.hypot(pose_deviation);
-        if self.difference > most {
-            Verdict::Occluded
-        } else if self.difference < -most {
-            Verdict::Contradicts
-        } else {
-            Verdict::Agrees
-        }
+    /// Whether a point of a view with this deviation of its pose lies on another surface than the completion.
+    pub(super) fn is_apart(&self, pose_deviation: f64) -> bool {
+        self.difference.abs() > APART * self.deviation.hypot(pose_deviation)
     }
 }
 
-/// Estimates the deviation of each view and removes the points that lie on other surfaces, and all of views that contradict
-/// the image.
+/// Estimates the deviation of each view, marks the points that the completion contradicts, and removes all of views that
+/// contradict the image.
 pub(super) fn check(
     alone: &Completion,
     deviations: &DepthMap,
@@ -67,30 +53,30 @@ pub(super) fn check(
     let freedom = alone.freedom().unwrap_or(NORMAL);
     let mut kept = Vec::with_capacity(carried.len());
     for (view, report) in views.iter_mut().enumerate() {
-        let of_view = carried.iter().zip(&agreements);
-        let of_view: Vec<(&Carried, &Agreement)> =
-            of_view.filter(|(point, _)| point.view == view).collect();
-        if of_view.is_empty() {
+        let pairs = carried.iter().zip(&agreements);
+        let of_view = pairs.filter(|(point, _)| point.view == view);
+        let (mut points, all): (Vec<Carried>, Vec<Agreement>) = of_view
+            .map(|(point, agreement)| (*point, *agreement))
+            .unzip();
+        if all.is_empty() {
             continue;
         }
-        let all: Vec<Agreement> = of_view.iter().map(|(_, agreement)| **agreement).collect();
-        let deviation = pose_deviation(&all, freedom);
-        report.pose_deviation = deviation;
-        let verdicts: Vec<Verdict> = all.iter().map(|one| one.verdict(deviation)).collect();
-        let count = |verdict| verdicts.iter().filter(|found| **found == verdict).count();
-        report.occluded += count(Verdict::Occluded);
-        report.contradicting += count(Verdict::Contradicts);
-        let share = report.contradicting as f64 / all.len() as f64;
-        if deviation > LARGEST || share > CONTRADICTING {
+        let pose_deviation = pose_deviation(&all, freedom);
+        report.pose_deviation = pose_deviation;
+        for (point, agreement) in points.iter_mut().zip(&all) {
+            point.difference = agreement.difference;
+            point.is_doubtful = agreement.is_apart(pose_deviation);
+            point.deviation = relative_deviation(&point.observation).hypot(pose_deviation);
+        }
+        let doubtful = || points.iter().filter(|point| point.is_doubtful);
+        let in_front = doubtful().filter(|point| point.difference < 0.0).count();
+        let share = in_front as f64 / all.len() as f64;
+        if pose_deviation > LARGEST || share > CONTRADICTING {
             report.outcome = ViewOutcome::Inconsistent;
+            doubtful().for_each(|point| report.count_doubtful(point));
             continue;
         }
-        let agreeing = of_view.iter().zip(verdicts);
-        let agreeing = agreeing.filter(|(_, verdict)| *verdict == Verdict::Agrees);
-        kept.extend(agreeing.map(|((point, agreement), _)| Carried {
-            pose_deviation: deviation * agreement.predicted,
-            ..**point
-        }));
+        kept.extend(points);
     }
     *carried = kept;
     Ok(())
@@ -113,15 +99,12 @@ fn agreements(
             x.min(deviations.width() - 1),
             y.min(deviations.height() - 1),
         );
-        let measured = observation
-            .sigma
-            .filter(|sigma| *sigma > 0.0)
-            .unwrap_or(0.0);
+        let measured = observation.sigma.filter(|sigma| *sigma > 0.0);
+        let measured = f64::from(measured.unwrap_or(0.0));
         let predicted = f64::from(predicted);
         Agreement {
             difference: f64::from(observation.depth) / predicted - 1.0,
-            deviation: f64::from(of_fit).hypot(f64::from(measured)) / predicted,
-            predicted,
+            deviation: f64::from(of_fit).hypot(measured) / predicted,
         }
     };
     Ok(carried
@@ -173,7 +156,6 @@ mod tests {
                     difference
                 },
                 deviation,
-                predicted: 2.0,
             }
         };
         (0..600).map(point).collect()
@@ -196,18 +178,14 @@ mod tests {
     }
 
     #[test]
-    fn points_beyond_some_deviations_are_behind_or_in_front() {
+    fn points_beyond_three_deviations_are_apart() {
         let at = |difference| Agreement {
             difference,
             deviation: 0.03,
-            predicted: 2.0,
         };
-        let all = [0.1, 0.0, -0.1].map(|difference| at(difference).verdict(0.0));
-        assert_eq!(
-            all,
-            [Verdict::Occluded, Verdict::Agrees, Verdict::Contradicts]
-        );
+        let is_apart = [0.1, 0.08, 0.0, -0.08, -0.1].map(|difference| at(difference).is_apart(0.0));
+        assert_eq!(is_apart, [true, false, false, false, true]);
         // 0.05 with the deviation of the pose.
-        assert_eq!(at(0.1).verdict(0.04), Verdict::Agrees);
+        assert!(!at(0.1).is_apart(0.04));
     }
 }

@@ -1,7 +1,7 @@
 //! Points of other views in the image of this one.
 
 use super::{PosedView, ViewOutcome, ViewReport};
-use crate::cloud::{pixel, visible};
+use crate::cloud::pixel;
 use crate::observations::Observation;
 use std::collections::HashSet;
 
@@ -13,8 +13,12 @@ pub(super) struct Carried {
     /// The index of its view, and its own index there.
     pub(super) view: usize,
     pub(super) index: usize,
-    /// The standard deviation of its depth by the error of the pose.
-    pub(super) pose_deviation: f64,
+    /// Its depth relative to the completion by the image's own points, minus 1.
+    pub(super) difference: f64,
+    /// Whether the completion contradicts it.
+    pub(super) is_doubtful: bool,
+    /// The relative standard deviation of its depth by its measurement and the error of the pose.
+    pub(super) deviation: f64,
 }
 
 /// Every point of the other views that lies in this image, except those that it measures itself. A rigid motion changes no
@@ -41,7 +45,9 @@ pub(super) fn carry(
                 observation,
                 view,
                 index,
-                pose_deviation: 0.0,
+                difference: 0.0,
+                is_doubtful: false,
+                deviation: 0.0,
             });
         }
         if carried.len() > before {
@@ -81,29 +87,4 @@ pub(super) fn remove_doubled(
         views[point.view].doubled += usize::from(!is_new);
         is_new
     });
-}
-
-/// Removes points that are occluded by those of this image, or by one another.
-pub(super) fn remove_hidden(own: &PosedView, carried: &mut Vec<Carried>, views: &mut [ViewReport]) {
-    let measured = own.observations().iter().copied();
-    let inside = measured
-        .filter(|point| pixel([point.u, point.v], own.size()).is_some() && point.depth > 0.0);
-    let mut all: Vec<Observation> = carried.iter().map(with_deviation).collect();
-    all.extend(inside);
-    let mut visible = visible(&all, own.size(), true).into_iter();
-    carried.retain(|point| {
-        let is_visible = visible.next().unwrap_or(true);
-        views[point.view].occluded += usize::from(!is_visible);
-        is_visible
-    });
-}
-
-/// A carried point with all of its standard deviation.
-fn with_deviation(point: &Carried) -> Observation {
-    let measured = point.observation.sigma.filter(|sigma| *sigma > 0.0);
-    let sigma = f64::from(measured.unwrap_or(0.0)).hypot(point.pose_deviation);
-    Observation {
-        sigma: (sigma > 0.0).then_some(sigma as f32),
-        ..point.observation
-    }
 }

@@ -1,6 +1,7 @@
 //! What became of the points of other views.
 
 use super::PosedView;
+use super::carry::Carried;
 
 /// What became of the points of other views.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +29,8 @@ pub enum ViewsOutcome {
     Rejected,
 }
 
-/// Counts of the points of another view: `points` is the sum of the counts, except in views that are inconsistent.
+/// Counts of the points of another view: `points` is the sum of the counts, except in views that are inconsistent, whose
+/// points are counted as occluded and contradicting by the completion alone.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ViewReport {
@@ -40,12 +42,10 @@ pub struct ViewReport {
     pub outside: usize,
     /// Number of points that the image, or a view before, measured too.
     pub doubled: usize,
-    /// Number of points behind the surface that the image sees.
+    /// Number of points behind the surface that the image sees, or that the points around them span.
     pub occluded: usize,
     /// Number of points in front of the surface that the image sees: something moved, or the pose is wrong.
     pub contradicting: usize,
-    /// Number of points that disagree with the points around them.
-    pub outliers: usize,
     /// Number of points that were left out because there are many.
     pub thinned: usize,
     /// Number of points that joined the fit, unless all were rejected.
@@ -66,6 +66,17 @@ pub enum ViewOutcome {
     Inconsistent,
 }
 
+impl ViewReport {
+    /// Counts a point that the completion by the image's own points contradicts, by the side where it lies.
+    pub(super) fn count_doubtful(&mut self, point: &Carried) {
+        if point.difference > 0.0 {
+            self.occluded += 1;
+        } else {
+            self.contradicting += 1;
+        }
+    }
+}
+
 impl ViewsReport {
     pub(super) fn new(others: &[&PosedView]) -> Self {
         let view = |other: &&PosedView| ViewReport {
@@ -75,7 +86,6 @@ impl ViewsReport {
             doubled: 0,
             occluded: 0,
             contradicting: 0,
-            outliers: 0,
             thinned: 0,
             carried: 0,
             pose_deviation: 0.0,

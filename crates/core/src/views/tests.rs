@@ -125,7 +125,6 @@ fn points_of_right_poses_join_the_fit() {
             view.doubled,
             view.occluded,
             view.contradicting,
-            view.outliers,
             view.thinned,
         ];
         assert_eq!(
@@ -357,4 +356,72 @@ fn neighbours_see_the_same_and_are_bounded() {
     assert_eq!(neighbours(&views, 3, &past), [1, 0]);
     assert!(neighbours(&views, 0, &past).is_empty());
     assert!(neighbours(&views, 5, &all).is_empty());
+}
+
+/// All views scored and sorted.
+fn plain_neighbours(views: &[PosedView], index: usize, settings: &ViewSettings) -> Vec<usize> {
+    let share = |own: &PosedView, other: &PosedView| {
+        let points = other.observations().as_slice();
+        let tried = points.iter().step_by(points.len().div_ceil(64).max(1));
+        let count = tried.len().max(1);
+        let seen = tried.filter(|point| carry::seen(own, other, point).is_some());
+        seen.count() as f64 / count as f64
+    };
+    let own = &views[index];
+    let score = |other: usize| {
+        let view = &views[other];
+        let axes = own.axis.unwrap().into_iter().zip(view.axis.unwrap());
+        let cosine = axes.map(|(a, b)| a * b).sum::<f64>();
+        let shares = [share(own, view), share(view, own)];
+        let least = shares[0].min(shares[1]);
+        (if least < 0.05 { 0.0 } else { cosine * least }, other)
+    };
+    let end = if settings.only_past {
+        index
+    } else {
+        views.len()
+    };
+    let others = (0..end).filter(|&other| other != index);
+    let mut found: Vec<(f64, usize)> = others.map(score).collect();
+    found.retain(|(score, _)| *score >= 0.05);
+    let away = |other: usize| (other.abs_diff(index), other);
+    found.sort_by(|a, b| b.0.total_cmp(&a.0).then(away(a.1).cmp(&away(b.1))));
+    found.truncate(settings.count);
+    found.into_iter().map(|(_, other)| other).collect()
+}
+
+#[test]
+fn neighbours_are_those_of_a_search_through_all() {
+    let mut rng = lsdc_rng::Rng::stream(9, &["neighbours"]);
+    let mut views = Vec::new();
+    for _ in 0..40 {
+        let place = [
+            rng.range(-2.0, 2.0),
+            rng.range(-1.0, 1.0),
+            rng.range(-1.0, 1.0),
+        ];
+        let camera = camera(place.map(f64::from), f64::from(rng.range(-0.9, 0.9)));
+        let view = posed(&camera, wall(&camera, [0, 89], [6.0, 0.0]));
+        // Some views more than once: their scores are equal.
+        for _ in 0..=usize::from(rng.chance(0.4)) {
+            views.push(view.clone());
+        }
+    }
+    views.push(posed(&camera([0.0; 3], 0.0), Observations::new()));
+    let mut found = 0;
+    for count in [1, 3, 8, 100] {
+        for only_past in [false, true] {
+            let settings = ViewSettings {
+                count,
+                only_past,
+                ..ViewSettings::default()
+            };
+            for index in 0..views.len() {
+                let expected = plain_neighbours(&views, index, &settings);
+                assert_eq!(neighbours(&views, index, &settings), expected);
+                found += expected.len();
+            }
+        }
+    }
+    assert!(found > 1000, "{found}");
 }

@@ -2,7 +2,6 @@
 
 use super::carry::Carried;
 use super::{PosedView, ViewReport};
-use std::cmp::Ordering;
 
 /// The mean number of points that are kept in a cell of the grid.
 const TO_A_CELL: f64 = 2.0;
@@ -36,7 +35,7 @@ pub(super) fn thin(
     }
     // Precise points first; of equal ones the first.
     let mut order: Vec<usize> = (0..carried.len()).collect();
-    order.sort_by(|&a, &b| by_precision(&carried[a], &carried[b]).then(a.cmp(&b)));
+    order.sort_by(|&a, &b| carried[a].deviation.total_cmp(&carried[b].deviation));
     let mut ranked: Vec<(usize, usize, usize)> = Vec::with_capacity(order.len());
     for (place, &index) in order.iter().enumerate() {
         let point = &carried[index].observation;
@@ -55,14 +54,4 @@ pub(super) fn thin(
         views[point.view].thinned += usize::from(!is_kept);
         is_kept
     });
-}
-
-/// By the relative standard deviation.
-fn by_precision(a: &Carried, b: &Carried) -> Ordering {
-    let relative = |point: &Carried| {
-        let measured = point.observation.sigma.filter(|sigma| *sigma > 0.0);
-        let deviation = f64::from(measured.unwrap_or(0.0)).hypot(point.pose_deviation);
-        deviation / f64::from(point.observation.depth)
-    };
-    relative(a).total_cmp(&relative(b))
 }
