@@ -174,7 +174,10 @@ fn depths_of_fisheye_lenses_are_distances() {
             let away = [x as f64 - 1.5, y as f64 - 1.0].map(|v| v / 5.0);
             let angle = away[0].hypot(away[1]);
             let expected = 2.0 / angle.cos();
-            assert!((f64::from(stored.at(x, y)) - expected).abs() < 6e-4, "{x} {y}");
+            assert!(
+                (f64::from(stored.at(x, y)) - expected).abs() < 6e-4,
+                "{x} {y}"
+            );
         }
     }
 }

@@ -5,7 +5,6 @@ mod recorded;
 mod report;
 
 use super::inputs::Job;
-use super::recorded::Recorded;
 use super::settings::Settings;
 use crate::cli::ui;
 use lsdc_core::{Completion, PosedView, Scene, ViewSettings, ViewsReport};
