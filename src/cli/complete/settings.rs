@@ -202,8 +202,9 @@ impl Settings {
             model,
         } = args;
         let usual = ViewSettings::default();
+        let has_mask = |format: &WorkspaceFormat| *format != WorkspaceFormat::Splatting;
         let writes_surfaces =
-            formats.contains(&Format::Ply) || recorded.cloud || !export.is_empty();
+            formats.contains(&Format::Ply) || recorded.cloud || export.iter().any(has_mask);
         let measured = max_relative_sigma.unwrap_or(DeviationLimits::MEASURED as f32);
         let measured = (method == Method::Lsdc && writes_surfaces).then_some(measured);
         let holds_sigma = |format| matches!(format, &Format::Npz | &Format::Exr | &Format::Ply);
