@@ -21,6 +21,8 @@ from ._many import Completed
 from ._native import __version__
 from ._scene import Scene
 from ._settings import FitSettings, JointSettings, RobustSettings
+from ._views import PosedView, neighbours
+from ._views_report import ViewsReport
 from ._warnings import FileWarning, InputWarning
 
 __all__ = [
@@ -41,15 +43,18 @@ __all__ = [
     "JointSettings",
     "Outliers",
     "PointCloud",
+    "PosedView",
     "ReadError",
     "RobustSettings",
     "Scene",
     "SettingsError",
     "Shift",
+    "ViewsReport",
     "WeightsError",
     "__version__",
     "complete",
     "complete_many",
+    "neighbours",
     "read_depth",
     "read_points",
 ]

@@ -198,6 +198,26 @@ class Camera:
         pose = (self.rotation, self.translation)
         return _restored, (self.focal, self.center, self.lens, self.coefficients, *pose, self.size)
 
+    def with_pose(self, pose: Array) -> Camera:
+        """The same camera at a pose: a matrix `(4, 4)` or `(3, 4)` that leads from the camera to the world, with the axes of
+        OpenCV. A matrix of OpenGL or of `transforms.json` has the axes y and z turned around: give
+        `matrix @ np.diag([1, -1, -1, 1])`.
+
+        >>> pose = np.eye(4)
+        >>> pose[:3, 3] = 1, 0, 0
+        >>> lsdc.Camera((100, 100), (31.5, 23.5)).with_pose(pose).project([[1, 0, 2]])
+        array([[31.5, 23.5,  2. ]])
+        """
+        given = as_array(pose, "a pose")
+        matrix = _numbers(given, (3, 4) if given.shape == (3, 4) else (4, 4), "a pose")
+        if given.shape == (4, 4) and matrix[3].tolist() != [0, 0, 0, 1]:
+            hint = "it is transposed: give `pose.T`" if matrix[:, 3].tolist() == [0, 0, 0, 1] else None
+            raise InputError(f"the last row of a pose is {matrix[3].tolist()}, not 0, 0, 0, 1", hint)
+        rotation = matrix[:3, :3].T
+        return _restored(
+            self.focal, self.center, self.lens, self.coefficients, rotation, -rotation @ matrix[:3, 3], self.size
+        )
+
     def scaled(self, across: float, down: float) -> Camera:
         """The camera for the same image with this many times the columns and rows."""
         focal, center = self._native.scaled((across, down))

@@ -25,7 +25,8 @@ class PointCloud:
     sigma: NDArray[np.float32] | None
     """The standard deviation of the depth of each point `(N,)`; None if the known depths are too few for an estimate."""
     uncertain: int
-    """Pixels that are left out because their standard deviation is above `max_sigma`."""
+    """Pixels that are left out because their standard deviation is above `max_sigma` or
+    `max_relative_sigma`."""
     unseen: int
     """Pixels that are left out because the lens does not look there."""
     flying: int
@@ -42,14 +43,15 @@ def cloud_of(
     camera: Camera,
     size: Size,
     max_sigma: float | None,
+    max_relative_sigma: float | None,
     voxel: float | None,
     keep_flying: bool,
 ) -> PointCloud:
     if not isinstance(cast(Any, camera), Camera):
         hint = "`lsdc.Camera.from_file(path)` reads one, `lsdc.Camera.from_matrix(K, size)` takes that of OpenCV"
         raise InputError(f"`camera` is a {type(camera).__name__}, not a lsdc.Camera", hint)
-    for name, value in (("max_sigma", max_sigma), ("voxel", voxel)):
+    for name, value in (("max_sigma", max_sigma), ("max_relative_sigma", max_relative_sigma), ("voxel", voxel)):
         if value is not None and not 0 < value < np.inf:
             raise SettingsError(f"`{name}` is {value!r}, not a positive number of metres")
-    points, colors, sigma, counts = native.point_cloud(camera._native, size, max_sigma, voxel, keep_flying)
+    points, colors, sigma, counts = native.point_cloud(camera._native, size, max_sigma, max_relative_sigma, voxel, keep_flying)
     return PointCloud(points, colors, sigma, *counts)

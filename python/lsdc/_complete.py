@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ._completer import NAMES, Completer, Weights
 from ._input import Array, ImageLike, Noise, Order, Size, Unit
 from ._many import Completed, Progress
-from ._scene import Guide, Sparse
+from ._scene import Guide
 from ._settings import Robust
+from ._sparse import Sparse
 
 
 def complete(

@@ -15,8 +15,10 @@ from ._completion import Completion
 from ._errors import InputError, ReadError, SettingsError, WeightsError
 from ._input import Array, ImageLike, Noise, Order, Size, Unit, as_image, as_outputs, as_size
 from ._many import Completed, Progress, complete_each
-from ._scene import Guide, Scene, Sparse, as_native_guide
+from ._scene import Guide, Scene, as_native_guide
 from ._settings import FitSettings, Robust, as_json
+from ._sparse import Sparse
+from ._views import PosedView, neighbours
 
 Weights = Union[Literal["default", "small", "anything", "none"], str, "os.PathLike[str]", bytes]
 """A name, the path of a weights file, or the bytes of one."""
@@ -240,6 +242,64 @@ class Completer:
 
         columns: list[Iterable[Any]] = [images, points, *([] if guides is None else [guides])]
         return complete_each(work, columns, workers, progress)
+
+    def complete_views(
+        self,
+        images: Iterable[ImageLike],
+        views: Sequence[PosedView],
+        *,
+        count: int = 8,
+        only_past: bool = False,
+        max_points: int = 2000,
+        robust: Robust = None,
+        size: Size | None = None,
+        order: Order = "rgb",
+        workers: int = 2,
+        progress: Progress | None = None,
+    ) -> Iterator[Completed]:
+        """Completes the images of a sequence, each with its points and those of its neighbours, carried over by their poses.
+
+        Parameters
+        ----------
+        images : iterable
+            Arrays or paths, drawn from as images are done.
+        views : sequence of PosedView
+            One for each image: its points, its camera and its pose.
+        count : int
+            The most neighbours of an image.
+        only_past : bool
+            Whether only earlier views are neighbours, as online.
+        max_points : int
+            The most points that are carried over to an image.
+        robust, size, order, workers, progress
+            As for `complete_many`.
+
+        Yields
+        ------
+        Completed
+            One for each image, in their order. What became of the points of neighbours is in `completion.views`.
+
+        >>> camera = lsdc.Camera((60, 60), (31.5, 23.5), size=(64, 48))
+        >>> wall = np.stack(np.meshgrid(np.arange(2.0, 64, 9), np.arange(2.0, 48, 9), 2.0), axis=-1).reshape(-1, 3)
+        >>> views = []
+        >>> for i in range(3):                         # the camera moves to the right, in front of a wall
+        ...     pose = np.eye(4)
+        ...     pose[:3, 3] = 0.1 * i, 0, 0
+        ...     views.append(lsdc.PosedView(wall + [i, 2 * i, 0], camera, pose))
+        >>> for done in lsdc.Completer("small").complete_views([image] * 3, views, only_past=True):
+        ...     print(done.index, done.result().views.considered)
+        0 0
+        1 1
+        2 2
+        """
+        views = list(views)
+
+        def work(image: ImageLike, index: int) -> Completion:
+            scene = self.scene(image, order=order)
+            others = [views[i] for i in neighbours(views, index, count=count, only_past=only_past)]
+            return scene.complete_with_views(views[index], others, max_points=max_points, robust=robust, size=size)
+
+        return complete_each(work, [images, range(len(views))], workers, progress)
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self._name, self._weights, self._changes, self._working_size, self._threads)

@@ -15,6 +15,7 @@ from ._cloud import PointCloud, cloud_of
 from ._input import Array, Size, as_positions, as_size
 from ._pickling import Unpicklable
 from ._picture import coloured, png
+from ._views_report import ViewsReport
 
 Floats = NDArray[np.float64]
 
@@ -56,10 +57,17 @@ class Completion(Unpicklable):
 
     _instead = "send its arrays, such as `completion.depth`, or the completer, the image and the points"
 
-    def __init__(self, native: _native.Completion, given: _native.Observations, size: Size) -> None:
+    def __init__(
+        self,
+        native: _native.Completion,
+        given: _native.Observations,
+        size: Size,
+        views: ViewsReport | None = None,
+    ) -> None:
         self._native = native
         self._given = given
         self._size = size
+        self._views = views
 
     @property
     def size(self) -> Size:
@@ -110,6 +118,7 @@ class Completion(Unpicklable):
         *,
         size: Size | None = None,
         max_sigma: float | None = None,
+        max_relative_sigma: float | None = 0.1,
         voxel: float | None = None,
         keep_flying: bool = False,
     ) -> PointCloud:
@@ -123,6 +132,9 @@ class Completion(Unpicklable):
             Of the map whose pixels become points; by default that of the maps of this completion.
         max_sigma : float, optional
             Leaves out pixels with a larger standard deviation, in metres.
+        max_relative_sigma : float, optional
+            Leaves out pixels whose standard deviation is a larger share of their depth. Those above the default count as not
+            measured; None keeps them.
         voxel : float, optional
             Keeps one point in each cube of this edge length, in metres: the mean of its pixels.
         keep_flying : bool
@@ -142,7 +154,7 @@ class Completion(Unpicklable):
         ((3072, 3), dtype('float32'), (3072, 3), 0)
         """
         size = self._size if size is None else as_size(size, "size")
-        return cloud_of(self._native, camera, size, max_sigma, voxel, keep_flying)
+        return cloud_of(self._native, camera, size, max_sigma, max_relative_sigma, voxel, keep_flying)
 
     @cached_property
     def points(self) -> Floats:
@@ -152,13 +164,13 @@ class Completion(Unpicklable):
     @cached_property
     def residuals(self) -> Floats:
         """For every given depth `(N,)`, it minus the fitted depth; NaN for those that were not used."""
-        return _kept(self._native.residuals())
+        return self._own(self._native.residuals())
 
     @cached_property
     def leave_one_out(self) -> Floats:
         """For every given depth `(N,)`, it minus what a fit to all others predicts there; NaN for those that were not
         used, and for those that the fit passes through whatever their depths are."""
-        return _kept(self._native.leave_one_out())
+        return self._own(self._native.leave_one_out())
 
     @cached_property
     def leave_one_out_error(self) -> float | None:
@@ -170,7 +182,7 @@ class Completion(Unpicklable):
     def point_weights(self) -> Floats:
         """The final weight of every given depth `(N,)`: 1 in a plain fit without standard deviations; NaN for those
         that were not used."""
-        return _kept(self._native.point_weights())
+        return self._own(self._native.point_weights())
 
     @cached_property
     def outliers(self) -> Outliers:
@@ -182,13 +194,24 @@ class Completion(Unpicklable):
         >>> completion.points[completion.outliers.index]
         array([[18. , 18. , ...]])
         """
-        return Outliers(*(_kept(column) for column in self._native.outliers()))
+        found = self._native.outliers()
+        own = found[0] < len(self._given)
+        return Outliers(*(_kept(column[own]) for column in found))
 
     @cached_property
     def weights(self) -> Floats:
         """The weights of the basis functions, that of the constant or of the image's map first, followed by those of the
         cosines; for `Scene.complete(near=...)`."""
         return _kept(self._native.weights())
+
+    @property
+    def views(self) -> ViewsReport | None:
+        """What became of the points of other views; None of a fit without them."""
+        return self._views
+
+    def _own(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Of the given depths, which those of other views follow."""
+        return _kept(values[: len(self._given)])
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -200,7 +223,7 @@ class Completion(Unpicklable):
         """Statistics of the fit.
 
         - `given`, `used`, `invalid` (depth not positive and finite), `outside` (the image):
-          numbers of points; `given = used + invalid + outside`
+          numbers of points, with those of other views that joined; `given = used + invalid + outside`
         - `ignored`: values of a map that were NaN, infinite or negative
         - `without_deviation`: points without a usable standard deviation where others had one
         - `smoothed`: dense points that were smoothed by their standard deviations

@@ -299,6 +299,17 @@ def as_size(value: Size, what: str) -> Size:
     return width, height
 
 
+def as_count(value: int, what: str) -> int:
+    """A whole number, 0 or above."""
+    try:
+        count = operator.index(value)
+    except TypeError:
+        count = -1
+    if count < 0:
+        raise InputError(f"`{what}` is {reprlib.repr(value)}, not a whole number from 0")
+    return count
+
+
 def _unmasked(values: NDArray[Any], missing: float) -> NDArray[Any]:
     """What is masked as missing."""
     masked = isinstance(values, np.ma.MaskedArray)

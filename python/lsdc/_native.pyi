@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
-__all__ = ["Alignment", "Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "eight_bits", "golden", "read_depth", "read_image", "read_points", "without_marks"]
+__all__ = ["Alignment", "Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "PosedView", "Scene", "__version__", "eight_bits", "golden", "neighbours", "read_depth", "read_image", "read_points", "without_marks"]
 
 _Colours = Union[NDArray[np.uint8], NDArray[np.float32]]
 _Floats = NDArray[np.float64]
@@ -97,8 +97,22 @@ class Scene:
     def with_robust(self, settings: str) -> Scene: ...
     def with_guide(self, guide: DepthGuide | None) -> Scene: ...
     def complete(self, observations: Observations, near: _Floats | None) -> Completion: ...
+    def complete_with_views(
+        self, own: PosedView, others: list[PosedView], max_points: int
+    ) -> tuple[Completion, dict[str, Any]]: ...
     def alignment(self, observations: Observations) -> Alignment: ...
     def basis_functions(self, places: _Floats) -> NDArray[np.float32]: ...
+
+def neighbours(views: list[PosedView], index: int, count: int, only_past: bool) -> list[int]: ...
+@final
+class PosedView:
+    def __new__(
+        cls,
+        camera: Camera,
+        size: tuple[int, int],
+        observations: Observations,
+        ids: NDArray[np.uint64] | None,
+    ) -> PosedView: ...
 
 @final
 class Alignment:
@@ -117,6 +131,7 @@ class Completion:
         camera: Camera,
         size: tuple[int, int],
         max_sigma: float | None,
+        max_relative_sigma: float | None,
         voxel: float | None,
         keep_flying: bool,
     ) -> tuple[NDArray[np.floating[Any]], NDArray[np.uint8], NDArray[np.float32] | None, list[int]]: ...

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Sequence
 from typing import Union
 
 import numpy as np
@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 from . import _native
 from ._alignment import Alignment
 from ._completion import Completion
-from ._files import read_points
 from ._guide import DepthGuide
-from ._errors import InputError
-from ._input import Array, Noise, Size, Unit, as_array, as_observations, as_positions, as_size, with_noise
+from ._input import Array, Noise, Size, Unit, as_array, as_count, as_positions, as_size
 from ._pickling import Unpicklable
 from ._settings import Robust, as_json
+from ._sparse import Sparse, observed
+from ._views import PosedView
+from ._views_report import ViewsReport
 
 Guide = Union[DepthGuide, Array]
-Sparse = Union[Array, tuple[Array, ...], "os.PathLike[str]", str]
-"""A map, a table or columns of points, or the path of a file of them."""
 
 
 class Scene(Unpicklable):
@@ -104,11 +103,7 @@ class Scene(Unpicklable):
         >>> report["used"], report["outside"]
         (3, 1)
         """
-        if noise is not None and unit is None and isinstance(sparse, (str, os.PathLike)):
-            raise InputError("`noise` is in metres, but the unit of a file may be a guess", 'give `unit`, as in "m"')
-        known = self._observations(sparse, sigma, unit)
-        if noise is not None:
-            known = with_noise(known, noise)
+        known = observed(sparse, sigma, noise, unit, self.size)
         scene = self._native
         if robust is not None:
             scene = scene.with_robust(as_json(robust))
@@ -119,6 +114,59 @@ class Scene(Unpicklable):
             weights = np.ascontiguousarray(as_array(weights, "`near`"), dtype=np.float64)
         size = self.size if size is None else as_size(size, "size")
         return Completion(scene.complete(known, weights), known, size)
+
+    def complete_with_views(
+        self,
+        view: PosedView,
+        others: Sequence[PosedView],
+        *,
+        max_points: int = 2000,
+        robust: Robust = None,
+        size: Size | None = None,
+    ) -> Completion:
+        """Fits the basis functions of the image to its own depths together with those of other views.
+
+        Parameters
+        ----------
+        view : PosedView
+            Of this image.
+        others : sequence of PosedView
+            The views whose points are carried over, best those of `neighbours`, the closest first.
+        max_points : int
+            At most so many are.
+        robust, size
+            As for `complete`.
+
+        Returns
+        -------
+        Completion
+            Its `views` says what became of the points. Residuals, leave-one-out errors and outliers are those of the image's
+            own depths.
+
+        Raises
+        ------
+        FitError
+            No depth of the image can be used.
+        InputError
+            A view of another size than the image.
+
+        >>> camera = lsdc.Camera((60, 60), (31.5, 23.5), size=(64, 48))
+        >>> poses = [np.eye(4), np.eye(4)]
+        >>> poses[1][:3, 3] = 0.2, 0, 0                # the second camera, 20 cm to the right
+        >>> wall = np.stack(np.meshgrid(np.arange(2.0, 64, 9), np.arange(2.0, 48, 9), 2.0), axis=-1).reshape(-1, 3)
+        >>> views = [lsdc.PosedView(wall + [shift, shift, 0], camera, pose) for shift, pose in zip((0, 3), poses)]
+        >>> others = [views[i] for i in lsdc.neighbours(views, 0)]
+        >>> completion = lsdc.Completer("small").scene(image).complete_with_views(views[0], others)
+        >>> completion.views.outcome, completion.views.carried > 20
+        ('used', True)
+        """
+        scene = self._native
+        if robust is not None:
+            scene = scene.with_robust(as_json(robust))
+        size = self.size if size is None else as_size(size, "size")
+        natives = [other._native for other in others]
+        native, report = scene.complete_with_views(view._native, natives, as_count(max_points, "max_points"))
+        return Completion(native, view._given, size, ViewsReport(**report))
 
     def alignment(self, sparse: Sparse, *, unit: Unit | None = None) -> Alignment:
         """Tests whether points lie where the image shows them, which wrong extrinsics or time stamps prevent.
@@ -135,12 +183,7 @@ class Scene(Unpicklable):
         >>> shift.frames, "check extrinsics and time stamps" if shift.is_clear else "no evidence of a shift"
         (5, 'no evidence of a shift')
         """
-        return Alignment(self._native.alignment(self._observations(sparse, None, unit)))
-
-    def _observations(self, sparse: Sparse, sigma: Array | float | None, unit: Unit | None) -> _native.Observations:
-        if isinstance(sparse, (str, os.PathLike)):
-            sparse, unit = read_points(sparse, self.size, unit=unit), None
-        return as_observations(sparse, sigma, unit, self.size)
+        return Alignment(self._native.alignment(observed(sparse, None, None, unit, self.size)))
 
     def basis_functions(self, positions: Array) -> NDArray[np.float32]:
         """The functions that the network found, `(N, functions)`, at positions `(N, 2)` of x and y; the first is

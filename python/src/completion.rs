@@ -5,7 +5,7 @@ use crate::camera::Camera;
 use crate::error::raised_by_file;
 use crate::pool::Pool;
 use image::RgbImage;
-use lsdc_files::{CloudOptions, ColoredCloud, are_far};
+use lsdc_files::{CloudOptions, ColoredCloud, DeviationLimits, are_far};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -80,6 +80,7 @@ impl Completion {
         camera: &Camera,
         size: (usize, usize),
         max_sigma: Option<f32>,
+        max_relative_sigma: Option<f32>,
         voxel: Option<f64>,
         keep_flying: bool,
     ) -> PyResult<PointCloud<'py>> {
@@ -91,7 +92,10 @@ impl Completion {
         let camera = camera.0.resized(image);
         let camera = camera.map_err(|error| raised_by_file(py, &error))?;
         let options = CloudOptions {
-            max_sigma,
+            limits: DeviationLimits {
+                absolute: max_sigma,
+                relative: max_relative_sigma,
+            },
             keep_flying,
             voxel,
         };

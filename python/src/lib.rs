@@ -18,6 +18,7 @@ mod observations;
 mod pool;
 mod scene;
 mod settings;
+mod views;
 
 use pyo3::{pyfunction, pymodule};
 
@@ -50,6 +51,8 @@ mod _native {
     use crate::observations::Observations;
     #[pymodule_export]
     use crate::scene::Scene;
+    #[pymodule_export]
+    use crate::views::{PosedView, neighbours};
     #[pymodule_export]
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");

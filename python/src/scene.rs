@@ -8,9 +8,12 @@ use crate::guide::DepthGuide;
 use crate::observations::Observations;
 use crate::pool::Pool;
 use crate::settings::robust;
+use crate::views::{PosedView, described};
 use image::RgbImage;
+use lsdc_core::ViewSettings;
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::sync::Arc;
 
 /// The basis functions and affinities of an image.
@@ -88,6 +91,27 @@ impl Scene {
             self.colours.clone(),
             self.pool.clone(),
         ))
+    }
+
+    /// With the points of other views, at most so many of them, and what became of these.
+    fn complete_with_views<'py>(
+        &self,
+        py: Python<'py>,
+        own: &PosedView,
+        others: Vec<PyRef<'_, PosedView>>,
+        max_points: usize,
+    ) -> PyResult<(Completion, Bound<'py, PyDict>)> {
+        let others: Vec<lsdc_core::PosedView> = others.iter().map(|view| view.0.clone()).collect();
+        let others: Vec<&lsdc_core::PosedView> = others.iter().collect();
+        let settings = ViewSettings {
+            max_points,
+            ..ViewSettings::default()
+        };
+        let (inner, report) = self.pool.run(py, || {
+            self.inner.complete_with_views(&own.0, &others, &settings)
+        })?;
+        let completion = Completion::new(inner, self.colours.clone(), self.pool.clone());
+        Ok((completion, described(py, &report)?))
     }
 
     /// The evidence of this frame for a shift between points and image.

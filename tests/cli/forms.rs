@@ -152,6 +152,72 @@ fn a_result_is_a_cloud_in_the_world() {
     refused(folder.path(), &twice, &["twice"]);
 }
 
+/// The share of standard deviations above a tenth of the depth is left out of clouds, and of maps if that is asked for.
+#[test]
+fn pixels_that_count_as_not_measured_are_in_no_cloud() {
+    let folder = scanned("ply");
+    let at = |name: &str| folder.path().join(name);
+    let camera = ["--camera", "camera.toml", "--json"];
+    let run = |points: &str, more: &[&str]| -> serde_json::Value {
+        let args = [&["rgb.png", points], &camera[..], more].concat();
+        serde_json::from_str(&complete(folder.path(), &args)).unwrap()
+    };
+    // Ten points: much of the room is seen by none.
+    let mut few = read_npy(&at("sparse.npy"), 1.0).unwrap().into_values();
+    let measured: Vec<usize> = (0..few.len()).filter(|&i| few[i] > 0.0).collect();
+    for (number, &pixel) in measured.iter().enumerate() {
+        if number % (measured.len() / 10) > 0 {
+            few[pixel] = 0.0;
+        }
+    }
+    write_npy(&at("few.npy"), &DepthMap::new(304, 228, few).unwrap()).unwrap();
+    run(
+        "few.npy",
+        &["-o", "all", "--uncertainty", "--formats", "npy"],
+    );
+    let depth = read_npy(&at("all/rgb_depth.npy"), 1.0).unwrap();
+    let sigma = read_npy(&at("all/rgb_sigma.npy"), 1.0).unwrap();
+    let above = |most: f32| {
+        let pairs = depth.values().iter().zip(sigma.values());
+        pairs
+            .filter(|(depth, sigma)| *sigma / *depth > most)
+            .count()
+    };
+    assert!((1000..60_000).contains(&above(0.1)), "{}", above(0.1));
+    let cloud = run("few.npy", &["-o", "cloud", "--formats", "ply,npy"]);
+    assert_eq!(cloud["cloud"]["uncertain"], above(0.1));
+    assert!(cloud["left_empty"].is_null());
+    // The map is full.
+    let full = read_npy(&at("cloud/rgb_depth.npy"), 1.0).unwrap();
+    assert!(full == depth);
+    let most = ["--max-relative-sigma", "0.2", "--formats", "ply,npy"];
+    let masked = run("few.npy", &[&["-o", "masked"], &most[..]].concat());
+    assert_eq!(masked["left_empty"]["pixels"], above(0.2));
+    assert_eq!(masked["cloud"]["uncertain"], above(0.2));
+    let map = read_npy(&at("masked/rgb_depth.npy"), 1.0).unwrap();
+    let expected = depth.values().iter().zip(sigma.values());
+    let expected = expected.map(|(depth, sigma)| if sigma / depth > 0.2 { 0.0 } else { *depth });
+    assert_eq!(map.values(), expected.collect::<Vec<f32>>());
+    let none = [
+        "complete",
+        "rgb.png",
+        "few.npy",
+        "-o",
+        "none",
+        "--max-relative-sigma",
+        "1e-9",
+    ];
+    refused(
+        folder.path(),
+        &none,
+        &["above 0.000000001 of its depth", "--max-relative-sigma"],
+    );
+    // One point has no standard deviations: nothing is left out.
+    std::fs::write(at("one.csv"), "u,v,depth\n150,110,2\n").unwrap();
+    let one = run("one.csv", &["-o", "one", "--formats", "ply"]);
+    assert_eq!(one["cloud"]["uncertain"], 0);
+}
+
 #[test]
 fn what_files_leave_out_is_counted() {
     let folder = scanned("ply");

@@ -1,9 +1,35 @@
-//! Depth maps without the pixels that are too uncertain.
+//! Which depths are certain enough to be used.
 
 use crate::DepthMap;
 use crate::error::Result;
 
-/// Returns a depth map without the depths whose standard deviation is above `most`, and how many these are. They become
+/// The largest standard deviations of depths that are kept; no limit by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DeviationLimits {
+    /// In the unit of the depths.
+    pub absolute: Option<f32>,
+    /// As a share of the depth.
+    pub relative: Option<f32>,
+}
+
+impl DeviationLimits {
+    /// A pixel whose standard deviation is a larger share of its depth counts as not measured: it is left out of clouds,
+    /// surfaces and workspaces by default.
+    pub const MEASURED: f64 = 0.1;
+
+    /// Whether a standard deviation is above a limit.
+    pub fn exclude(&self, depth: f32, sigma: f32) -> bool {
+        let above = |value: f32, most: Option<f32>| most.is_some_and(|most| value > most);
+        depth > 0.0 && (above(sigma, self.absolute) || above(sigma / depth, self.relative))
+    }
+
+    /// Whether there is any limit.
+    pub fn is_any(&self) -> bool {
+        *self != Self::default()
+    }
+}
+
+/// Returns a depth map without the depths whose standard deviation is above a limit, and how many these are. They become
 /// 0, no depth. Both maps have the same size; a pixel without a standard deviation keeps its depth.
 ///
 /// # Errors
@@ -11,13 +37,13 @@ use crate::error::Result;
 pub fn without_uncertain(
     depth: DepthMap,
     deviations: &DepthMap,
-    most: f32,
+    limits: &DeviationLimits,
 ) -> Result<(DepthMap, usize)> {
     let (width, height) = (depth.width(), depth.height());
     let mut values = depth.into_values();
     let mut count = 0;
     for (value, sigma) in values.iter_mut().zip(deviations.values()) {
-        if *value > 0.0 && *sigma > most {
+        if limits.exclude(*value, *sigma) {
             *value = 0.0;
             count += 1;
         }
@@ -30,12 +56,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depths_above_the_limit_are_left_out_and_counted() {
+    fn depths_above_a_limit_are_left_out_and_counted() {
         let map = |values: [f32; 5]| DepthMap::new(5, 1, values.to_vec()).unwrap();
-        let depth = map([1.0, 2.0, 3.0, 0.0, 5.0]);
         let deviations = map([0.1, 0.2, 0.3, 0.9, 0.0]);
-        let (found, count) = without_uncertain(depth, &deviations, 0.2).unwrap();
-        assert_eq!(found, map([1.0, 2.0, 0.0, 0.0, 5.0]));
-        assert_eq!(count, 1);
+        let without = |absolute, relative| {
+            let depth = map([1.0, 2.0, 4.0, 0.0, 5.0]);
+            let limits = DeviationLimits { absolute, relative };
+            without_uncertain(depth, &deviations, &limits).unwrap()
+        };
+        let all = map([1.0, 2.0, 4.0, 0.0, 5.0]);
+        assert_eq!(without(None, None), (all.clone(), 0));
+        assert_eq!(
+            without(Some(0.2), None),
+            (map([1.0, 2.0, 0.0, 0.0, 5.0]), 1)
+        );
+        assert_eq!(
+            without(None, Some(0.09)),
+            (map([0.0, 0.0, 4.0, 0.0, 5.0]), 2)
+        );
+        assert_eq!(
+            without(Some(0.2), Some(0.09)),
+            (map([0.0, 0.0, 0.0, 0.0, 5.0]), 3)
+        );
     }
 }

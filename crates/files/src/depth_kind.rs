@@ -56,16 +56,21 @@ impl Display for DepthKind {
 /// The observation whose depth was a distance along its ray: z = d / |K^-1 (u, v, 1)|, for every lens; the standard
 /// deviation shrinks alike. Nothing where the lens sees no such ray.
 pub(crate) fn along_axis(point: Observation, camera: &Camera) -> Option<Observation> {
-    let at = |depth| camera.unproject([point.u, point.v], depth);
-    let (near, far) = (at(1.0)?, at(2.0)?);
-    let squares = near.iter().zip(far).map(|(near, far)| (far - near).powi(2));
-    let length = squares.sum::<f64>().sqrt();
+    let length = length_of_ray([point.u, point.v], camera)?;
     let shorter = |value: f32| (f64::from(value) / length) as f32;
     Some(Observation {
         depth: shorter(point.depth),
         sigma: point.sigma.map(shorter),
         ..point
     })
+}
+
+/// The distance from the optical centre of what lies at depth 1 along the ray of a pixel; nothing where the lens sees no such ray.
+pub(crate) fn length_of_ray(pixel: [f64; 2], camera: &Camera) -> Option<f64> {
+    let at = |depth| camera.unproject(pixel, depth);
+    let (near, far) = (at(1.0)?, at(2.0)?);
+    let squares = near.iter().zip(far).map(|(near, far)| (far - near).powi(2));
+    Some(squares.sum::<f64>().sqrt())
 }
 
 #[cfg(test)]

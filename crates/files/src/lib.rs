@@ -41,7 +41,7 @@ mod unit;
 mod workspaces;
 
 pub use camera::{Camera, CameraInfo};
-pub use certain::without_uncertain;
+pub use certain::{DeviationLimits, without_uncertain};
 pub use cloud::{CloudOptions, ColoredCloud};
 pub use colmap::{Colmap, View};
 pub use contents::Contents;

@@ -35,8 +35,8 @@ mod writer;
 
 pub use container::{Defects, Message, MessageLocation, MessageTimes, Topic};
 pub use frames::{
-    DecodedFrame, DropReason, DroppedFrame, FrameMessages, FrameOptions, Frames, PointTimes,
-    SyncedFrame,
+    DecodedFrame, DecodedPoints, DropReason, DroppedFrame, FrameMessages, FrameOptions, Frames,
+    PointTimes, SyncedFrame,
 };
 pub use message::{Header, MessageType, Timestamp, TransformStamped, write_cloud, write_depth};
 pub use recording::Recording;

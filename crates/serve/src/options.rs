@@ -5,7 +5,7 @@ use crate::upload::Upload;
 use lsdc_core::DepthNoise;
 use lsdc_core::fit::Changes;
 use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust};
-use lsdc_files::{CloudOptions, DepthReadOptions};
+use lsdc_files::{CloudOptions, DepthReadOptions, DeviationLimits};
 use serde::Deserialize;
 
 /// An output beside the report.
@@ -111,7 +111,10 @@ impl Options {
     /// Which pixels become points of a cloud.
     pub(crate) fn cloud(&self) -> CloudOptions {
         CloudOptions {
-            max_sigma: self.max_sigma,
+            limits: DeviationLimits {
+                absolute: self.max_sigma,
+                relative: None,
+            },
             keep_flying: self.keep_flying,
             voxel: self.voxel,
         }

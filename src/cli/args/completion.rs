@@ -100,9 +100,12 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) export: Vec<WorkspaceFormat>,
-    /// With --export, leave pixels empty in the workspaces whose standard deviation is larger than this share of their depth.
-    /// The summary and the report count them.
-    #[arg(long, requires = "export", value_parser = share, value_name = "SHARE", help_heading = "Output", hide_short_help = true)]
+    /// Leave pixels empty whose standard deviation is larger than this share of their depth: 0 in depth maps, no point in clouds,
+    /// empty in the workspaces of --export. The summary and the report count them.
+    ///
+    /// By default depth maps and workspaces for splatting are full, and clouds and other workspaces have no pixels above 0.1,
+    /// which count as not measured.
+    #[arg(long, value_parser = share, value_name = "SHARE", help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) max_relative_sigma: Option<f32>,
     /// Depths in metres of the first and the last colour of the colour map [default: the range of the middle 98 % of
     /// the pixels].
@@ -215,7 +218,7 @@ pub(in crate::cli) struct Complete {
     pub(in crate::cli) temporal: bool,
     /// Join the measured points of neighbouring images, carried over by their poses.
     ///
-    /// Poses are those of the COLMAP model, or of POSES: a TUM trajectory, KITTI rows, a folder of 4x4 matrices, or a
+    /// Poses are those of the COLMAP model, of the recording by its transforms, or of POSES: a TUM trajectory, KITTI rows, a folder of 4x4 matrices, or a
     /// transforms.json, which needs no --camera if it has intrinsics. Carried points are checked against the points of
     /// the image: occluded ones are left out, and so are images whose poses contradict them; the summary counts both.
     #[arg(
@@ -227,6 +230,17 @@ pub(in crate::cli) struct Complete {
         help_heading = "Several frames"
     )]
     pub(in crate::cli) views: Option<PoseSource>,
+    /// With --views, only earlier images are neighbours, as online: in the order of their names, or of time in a recording.
+    #[arg(
+        long,
+        requires = "views",
+        help_heading = "Several frames",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) views_past: bool,
+    /// With --views, the most neighbours of an image, up to 20 [default: 8].
+    #[arg(long, requires = "views", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20), help_heading = "Several frames", hide_short_help = true)]
+    pub(in crate::cli) views_count: Option<u32>,
     /// Complete only part I of N of the images (I starts at 0).
     #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N", help_heading = "Several frames", hide_short_help = true)]
     pub(in crate::cli) shard: Shard,

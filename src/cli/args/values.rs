@@ -111,17 +111,17 @@ pub(super) fn share(text: &str) -> std::result::Result<f32, String> {
 /// Where the poses of images are from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::cli) enum PoseSource {
-    /// The model of COLMAP that the points are of.
-    Model,
+    /// The model of COLMAP that the points are of, or the transforms of the recording.
+    Own,
     /// A file or folder of poses.
     File(PathBuf),
 }
 
 impl From<OsString> for PoseSource {
-    /// A path; nothing for the model.
+    /// A path; nothing for the poses of the points' own source.
     fn from(path: OsString) -> Self {
         if path.is_empty() {
-            Self::Model
+            Self::Own
         } else {
             Self::File(path.into())
         }

@@ -5,14 +5,15 @@ use super::failures::Failures;
 use super::flow::{self, finished};
 use super::frame::{Completed, Engine};
 use super::loaded::Loaded;
-use super::outputs::FormatData;
+use super::outputs::{FormatData, cloud};
 use super::recorded::Recorded;
 use super::settings::Settings;
 use super::summary::Summary;
 use super::tally::Tally;
+use super::views::RecordedViews;
 use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
-use lsdc_eval::data::{self, ColoredCloud, Shard};
+use lsdc_eval::data::{self, Shard};
 use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Cause, Error, Result};
 use lsdc_recordings::{
@@ -20,6 +21,7 @@ use lsdc_recordings::{
     write_cloud, write_depth,
 };
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
 
@@ -44,7 +46,7 @@ type Messages = Vec<(&'static str, MessageType, Vec<u8>)>;
 pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
     check(args, output)?;
     let settings = &Settings::of_recording(args.clone(), output)?;
-    let recorded = Recorded::open(settings)?;
+    let recorded = Arc::new(Recorded::open(settings)?);
     let source = if settings.recording.copy {
         let source = Recording::open(&settings.sparse)?;
         check_names(&source)?;
@@ -53,6 +55,7 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
         None
     };
     recorded.tell(settings.json);
+    let views = RecordedViews::open(settings, recorded.clone())?;
     let engine = Engine::new(settings, settings.json)?;
     let bag = Writer::create(output)?;
     let stop = ui::stop_flag();
@@ -77,10 +80,11 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
             (&failures, &stop),
             |(name, _)| name,
             |(_, frame)| {
-                let (header, loaded) = recorded.load(frame)?;
+                let (header, mut loaded) = recorded.load(frame)?;
+                loaded.views = views.as_ref().and_then(|views| views.find(frame));
                 Ok((header, loaded.with_options(settings)?))
             },
-            |_, loaded, prepared| prepared.fit(&loaded.points, None, None),
+            |_, loaded, prepared| prepared.fit(&loaded.points, None, loaded.views.as_ref()),
             |(name, frame), header, loaded, completed| {
                 let (format_data, messages, beyond) =
                     messages(settings, &header, loaded, completed)?;
@@ -143,7 +147,6 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
         ("`--range`", args.range.is_some()),
         ("`--outliers`", args.outliers),
         ("`--temporal`", args.temporal),
-        ("`--views`", args.views.is_some()),
         ("`--sigma`", args.sigma.is_some()),
         (
             "`--guide FILE`",
@@ -213,13 +216,7 @@ fn messages(
             Error::config("`--cloud` needs the camera of the images")
                 .hint("name it by --camera-info")
         })?;
-        let cloud = ColoredCloud::new(
-            completed.filled(),
-            deviations,
-            &loaded.rgb,
-            camera,
-            &settings.cloud_options(),
-        );
+        let cloud = cloud(settings, loaded, completed, camera);
         messages.push((
             POINTS,
             MessageType::PointCloud2,

@@ -8,7 +8,8 @@ use crate::cli::ui::{self, counted};
 use lsdc_eval::data::{self, Colmap, DepthMap, Unit};
 use lsdc_files::error::Result;
 use lsdc_files::{
-    Camera, Workspace, WorkspaceCounts, WorkspaceFormat, WorkspaceFrame, WorkspaceImages,
+    Camera, DeviationLimits, Workspace, WorkspaceCounts, WorkspaceFormat, WorkspaceFrame,
+    WorkspaceImages,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -71,7 +72,7 @@ pub(super) struct Exported {
 /// workspace.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub(super) struct ExportCounts {
-    /// Left empty because of `--max-relative-sigma`.
+    /// Left empty because their standard deviation is too large.
     uncertain: usize,
     /// Whether a workspace is for a program that reads empty pixels as infinitely far.
     #[serde(skip)]
@@ -106,17 +107,29 @@ impl<'a> Export<'a> {
         frame: &Loaded,
         found: &Completed,
     ) -> Result<Exported> {
-        let (depth, uncertain) = match (settings.max_relative_sigma, found.deviations()) {
-            (Some(most), Some(deviations)) => {
-                let shares = relative(&found.depth, deviations)?;
-                data::without_uncertain(found.depth.clone(), &shares, most)?
-            }
-            _ => (found.depth.clone(), 0),
+        let certain = |limits: DeviationLimits| {
+            let (depth, uncertain) = match found.deviations() {
+                Some(deviations) => {
+                    data::without_uncertain(found.filled().clone(), deviations, &limits)?
+                }
+                None => (found.depth.clone(), 0),
+            };
+            in_model_unit(depth, settings.depth_unit).map(|depth| (depth, uncertain))
         };
-        let depth = in_model_unit(depth, settings.depth_unit)?;
+        let measured = certain(settings.limits_of_surfaces())?;
+        let wanted = certain(settings.limits())?;
+        // The code of splatting has no mask: pixels are left empty only if that was asked for.
+        let of = |one: &Workspace| {
+            if one.format() == WorkspaceFormat::Splatting {
+                &wanted
+            } else {
+                &measured
+            }
+        };
+        let uncertain = self.workspaces.iter().map(|one| of(one).1).max();
         let camera: Option<&Camera> = frame.camera.as_ref();
         let workspaces = self.workspaces.iter();
-        let frames = workspaces.map(|one| one.encode(&self.name, &depth, camera));
+        let frames = workspaces.map(|one| one.encode(&self.name, &of(one).0, camera));
         let frames: Vec<WorkspaceFrame> = frames.collect::<Result<_>>()?;
         let mut pixels = WorkspaceCounts::default();
         for frame in &frames {
@@ -126,7 +139,7 @@ impl<'a> Export<'a> {
         Ok(Exported {
             frames,
             counts: ExportCounts {
-                uncertain,
+                uncertain: uncertain.unwrap_or(0),
                 needs_all: formats.any(|format| format == WorkspaceFormat::Splatting),
                 pixels,
             },
@@ -170,7 +183,7 @@ impl ExportCounts {
         let lines = [
             line(
                 uncertain,
-                "left empty: standard deviation above --max-relative-sigma",
+                "left empty: their standard deviation is too large",
             ),
             line(pixels.empty, far).filter(|_| needs_all),
             line(
@@ -188,14 +201,6 @@ impl ExportCounts {
         ];
         lines.into_iter().flatten().collect()
     }
-}
-
-/// Standard deviations as shares of their depths.
-fn relative(depth: &DepthMap, deviations: &DepthMap) -> Result<DepthMap> {
-    let pairs = depth.values().iter().zip(deviations.values());
-    let shares = pairs.map(|(depth, sigma)| if *depth > 0.0 { sigma / depth } else { 0.0 });
-    let (width, height) = (depth.width(), depth.height());
-    Ok(DepthMap::new(width, height, shares.collect())?)
 }
 
 /// Depths in the unit of the model, of depths in the unit of the results.

@@ -10,13 +10,13 @@ use crate::cli::network::{
 use crate::process;
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
-use lsdc_core::{Completer, Completion, Outlier, Quality, Scene, ViewsReport};
+use lsdc_core::{Completer, Completion, FitError, Outlier, Quality, Scene, ViewsReport};
 use lsdc_eval::data::{self, DepthMap, Sparse, Unit};
 use lsdc_eval::predict::{
     Classic, DepthCompleter, GuideSpec, Method, MonocularGuide, complete_classic, guided_scene,
 };
 use lsdc_files::error::{Error, Result};
-use lsdc_files::{MOST_TESTED, clamped_pixels};
+use lsdc_files::{DeviationLimits, MOST_TESTED, clamped_pixels};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -77,7 +77,7 @@ pub(super) struct Completed {
     pub(super) depth: DepthMap,
     /// How many of its pixels are clamped to ten times the range of the points.
     pub(super) clamped: usize,
-    /// With `--max-sigma`.
+    /// With `--max-sigma` or `--max-relative-sigma`.
     pub(super) left_empty: Option<LeftEmpty>,
     /// The map before, if pixels were left empty.
     filled: Option<DepthMap>,
@@ -109,7 +109,11 @@ pub(super) struct LeftEmpty {
     /// How many.
     pub(super) pixels: usize,
     /// The largest standard deviation of a depth.
-    pub(super) max_sigma: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) max_sigma: Option<f32>,
+    /// The same as a share of the depth.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) max_relative_sigma: Option<f32>,
 }
 
 /// What a fit says of itself.
@@ -235,12 +239,17 @@ impl<'a> Engine<'a> {
         let deviations = diagnostics
             .as_ref()
             .and_then(|found| found.deviations.as_ref());
-        if let (Some(max_sigma), Some(deviations)) = (self.settings.max_sigma, deviations) {
-            let (sure, pixels) = data::without_uncertain(depth.clone(), deviations, max_sigma)?;
+        let limits = self.settings.limits();
+        if let (true, Some(deviations)) = (limits.is_any(), deviations) {
+            let (sure, pixels) = data::without_uncertain(depth.clone(), deviations, &limits)?;
             if sure.count() == 0 {
-                return Err(none_left(deviations, max_sigma, points.unit));
+                return Err(none_left(&depth, deviations, &limits, points.unit));
             }
-            left_empty = Some(LeftEmpty { pixels, max_sigma });
+            left_empty = Some(LeftEmpty {
+                pixels,
+                max_sigma: limits.absolute,
+                max_relative_sigma: limits.relative,
+            });
             filled = Some(std::mem::replace(&mut depth, sure));
         }
         Ok(Completed {
@@ -290,15 +299,21 @@ impl<'a> Engine<'a> {
             found.retain(|outlier| outlier.index < own);
             found
         });
-        let Settings {
-            uncertainty,
-            max_sigma,
-            max_relative_sigma,
-            ..
-        } = self.settings;
-        let wanted = *uncertainty || max_sigma.is_some() || max_relative_sigma.is_some();
+        let settings = self.settings;
+        let needed = settings.uncertainty || settings.limits().is_any();
         let (width, height) = (depth.width(), depth.height());
-        let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
+        let deviations = || completion.standard_deviation_at(width, height);
+        let deviations = if needed {
+            Some(deviations())
+        } else if settings.limits_of_surfaces().is_any() {
+            // Too few points have no standard deviations: nothing is left out.
+            match deviations() {
+                Err(lsdc_core::Error::Fit(FitError::TooFewPoints(_))) => None,
+                found => Some(found),
+            }
+        } else {
+            None
+        };
         let diagnostics = Diagnostics {
             leave_one_out: (self.explains.then(|| completion.leave_one_out_error())).flatten(),
             outliers,
@@ -312,13 +327,29 @@ impl<'a> Engine<'a> {
 }
 
 /// That all depths are too uncertain.
-fn none_left(deviations: &DepthMap, max_sigma: f32, unit: Unit) -> Error {
+fn none_left(
+    depth: &DepthMap,
+    deviations: &DepthMap,
+    limits: &DeviationLimits,
+    unit: Unit,
+) -> Error {
     let (least, _) = deviations.range().unwrap_or_default();
+    let pairs = deviations.values().iter().zip(depth.values());
+    let shares = pairs.map(|(sigma, depth)| sigma / depth);
+    let least_share = shares.fold(f32::INFINITY, f32::min);
     let m = unit.of_depths();
+    let absolute = limits
+        .absolute
+        .map(|most| format!("above {most} {m}: the least is {least} {m}"));
+    let relative = limits
+        .relative
+        .map(|most| format!("above {most} of its depth: the least is {least_share}"));
+    let all: Vec<String> = absolute.into_iter().chain(relative).collect();
     Error::config(format!(
-        "every pixel has a standard deviation above {max_sigma} {m}: the least is {least} {m}"
+        "every pixel has a standard deviation {}",
+        all.join(", or ")
     ))
-    .hint("give a larger --max-sigma, or leave it out")
+    .hint("give a larger --max-sigma or --max-relative-sigma, or leave it out")
 }
 
 /// Checks that a fit can be drawn towards the weights of the frame before.

@@ -4,7 +4,7 @@ use super::failures::Failures;
 use super::loaded::Loaded;
 use super::recorded::Recorded;
 use super::settings::{Settings, is_list, is_pattern};
-use super::views::FrameViews;
+use super::views::FrameViewsSource;
 use crate::cli::args::Format;
 use crate::cli::ui;
 use lsdc_core::DepthGuide;
@@ -28,8 +28,8 @@ pub(super) struct Job {
     pub(super) name: PathBuf,
     points: Points,
     guide: Option<PathBuf>,
-    /// With `--views`, if the pose of the image is known.
-    pub(super) views: Option<FrameViews>,
+    /// With `--views`, where the image finds its neighbours.
+    pub(super) views: Option<FrameViewsSource>,
 }
 
 enum Points {
@@ -46,7 +46,7 @@ pub(super) enum Input<'a> {
     /// Messages of a recording.
     Frame(&'a Recorded, &'a SyncedFrame),
     /// Points and poses of other images.
-    Views(&'a FrameViews),
+    Views(&'a FrameViewsSource),
 }
 
 impl Input<'_> {
@@ -97,6 +97,14 @@ impl Job {
         }
     }
 
+    /// The recording that it is of, if it is of one.
+    pub(super) fn recording(&self) -> Option<&Arc<Recorded>> {
+        match &self.points {
+            Points::Recorded(recorded, _) => Some(recorded),
+            Points::File(_) | Points::View(_) => None,
+        }
+    }
+
     pub(super) fn load(&self, settings: &Settings) -> Result<Loaded> {
         let started = Instant::now();
         let mut loaded = match &self.points {
@@ -111,6 +119,7 @@ impl Job {
             loaded.points.remarks.extend(warnings);
             loaded.guide = Some(guide);
         }
+        loaded.views = self.views.as_ref().and_then(FrameViewsSource::find);
         loaded.reading = started.elapsed();
         loaded.with_options(settings)
     }
@@ -133,6 +142,7 @@ impl Job {
             camera,
             guide: None,
             noise: None,
+            views: None,
             reading: Duration::ZERO,
         })
     }

@@ -31,9 +31,13 @@ impl Summary {
         }
         if let Some(left) = self.left_empty {
             let pixels = counted(left.pixels, "pixel");
-            let most = left.max_sigma;
+            let absolute = left.max_sigma.map(|most| format!("{most} {m}"));
+            let relative = left.max_relative_sigma;
+            let relative = relative.map(|most| format!("{} % of the depth", 100.0 * most));
+            let limits: Vec<String> = absolute.into_iter().chain(relative).collect();
             lines.push(format!(
-                "empty     {pixels} left empty: standard deviation above {most} {m}"
+                "empty     {pixels} left empty: standard deviation above {}",
+                limits.join(" or ")
             ));
         }
         if let Some((low, high)) = self.color_range {
@@ -48,7 +52,7 @@ impl Summary {
         }
         lines.extend(raised(self.png_raised()));
         if let Some(cloud) = &self.cloud {
-            let lost = left_out_of_clouds([cloud.unseen, cloud.flying, cloud.merged]);
+            let lost = left_out_of_clouds(self.left_out_of_cloud());
             let lost = lost.map_or(String::new(), |lost| format!(", {lost}"));
             lines.push(format!(
                 "cloud     {}{lost}",
@@ -231,10 +235,11 @@ pub(super) fn raised(count: usize) -> Option<String> {
     })
 }
 
-/// What clouds leave out, if anything: pixels where the lens does not look, flying ones, and those that share a voxel with
+/// What clouds leave out, if anything: uncertain pixels, those where the lens does not look, flying ones, and those that share a voxel with
 /// others.
-pub(super) fn left_out_of_clouds(counts: [usize; 3]) -> Option<String> {
+pub(super) fn left_out_of_clouds(counts: [usize; 4]) -> Option<String> {
     let reasons = [
+        "left out: their standard deviation is too large",
         "left out where the lens does not look",
         "left out at depth edges (flying; --keep-flying keeps them)",
         "merged by --voxel",

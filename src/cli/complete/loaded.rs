@@ -1,6 +1,7 @@
 //! A frame in memory.
 
 use super::settings::Settings;
+use super::views::FrameViews;
 use image::RgbImage;
 use lsdc_core::{DepthGuide, DepthNoise};
 use lsdc_eval::data::{Camera, Sparse, Unit};
@@ -18,6 +19,8 @@ pub(super) struct Loaded {
     pub(super) camera: Option<Camera>,
     pub(super) guide: Option<DepthGuide>,
     pub(super) noise: Option<Noise>,
+    /// With `--views`, if the pose of the image is known.
+    pub(super) views: Option<FrameViews>,
     pub(super) reading: Duration,
 }
 
@@ -34,7 +37,7 @@ impl Loaded {
     /// # Errors
     /// Noise in metres for depths in an unknown unit.
     pub(super) fn with_options(mut self, settings: &Settings) -> Result<Self> {
-        self.noise = with_noise(&mut self.points, settings)?;
+        self.noise = with_noise(&mut self.points, settings.noise)?;
         let size = (self.rgb.width() as usize, self.rgb.height() as usize);
         let wanted = settings.size.map(|size| (size.width, size.height));
         self.points
@@ -48,8 +51,8 @@ impl Loaded {
 ///
 /// # Errors
 /// Noise in metres for depths in an unknown unit.
-pub(super) fn with_noise(points: &mut Sparse, settings: &Settings) -> Result<Option<Noise>> {
-    let Some(model) = settings.noise else {
+pub(super) fn with_noise(points: &mut Sparse, model: Option<DepthNoise>) -> Result<Option<Noise>> {
+    let Some(model) = model else {
         return Ok(None);
     };
     let Sparse { unit, guessed, .. } = *points;

@@ -51,17 +51,11 @@ pub(super) fn run(settings: &Settings) -> Result<Exit> {
         return Err(Error::config("`--temporal` is not for recordings")
             .hint("leave it out, or write the images to files"));
     }
-    if settings.views.is_some() {
-        if settings.temporal {
-            return Err(
-                Error::config("`--views` cannot be combined with `--temporal`")
-                    .hint("give either of them: the poses, or the order of the images"),
-            );
-        }
-        if settings.rgb.is_empty() {
-            return Err(Error::config("`--views` is not for recordings")
-                .hint("leave it out, or write images, points and poses to files"));
-        }
+    if settings.views.is_some() && settings.temporal {
+        return Err(
+            Error::config("`--views` cannot be combined with `--temporal`")
+                .hint("give either of them: the poses, or the order of the images"),
+        );
     }
     let failures = Failures::new(settings.json);
     let model = inputs::model(settings)?;
@@ -99,17 +93,14 @@ pub(super) fn run(settings: &Settings) -> Result<Exit> {
         },
         |frame, loaded, prepared| {
             let before = chain.before(frame.before.as_ref(), &loaded.rgb)?;
-            let views = frame.job.views.as_ref();
+            let views = loaded.views.as_ref();
             let fitted = prepared.fit(&loaded.points, before.as_deref(), views)?;
             chain.go_on(frame.outputs.weights(), &loaded.rgb, &fitted);
             Ok(fitted)
         },
         |Frame { job, outputs, .. }, inputs, loaded, completed| {
             let format_data = outputs.format_data(loaded, completed)?;
-            let mut summary = Summary::new(&job.name, loaded, completed, &format_data);
-            if let (Some(views), Some(report)) = (&job.views, &completed.views) {
-                summary.add_views(views.described(report));
-            }
+            let summary = Summary::new(&job.name, loaded, completed, &format_data);
             records.forget(job)?;
             outputs.write(loaded, completed, &format_data, &summary)?;
             records.write(job, inputs, &summary)?;

@@ -8,7 +8,7 @@ use super::record;
 use super::settings::{Destination, Settings};
 use super::summary::Summary;
 use crate::cli::args::Format;
-use lsdc_eval::data::{self, ColoredCloud, DepthMap, Unit};
+use lsdc_eval::data::{self, Camera, ColoredCloud, DepthMap, Unit};
 use lsdc_eval::report::{colour_map, usual_range};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{DescribedPng, Workspace};
@@ -165,13 +165,9 @@ impl<'a> Outputs<'a> {
     /// What the formats write of a result beside its depths.
     pub(super) fn format_data(&self, frame: &Loaded, found: &Completed) -> Result<FormatData> {
         let png = || DescribedPng::new(&found.depth);
-        let cloud = || -> Result<ColoredCloud> {
+        let points = || -> Result<ColoredCloud> {
             let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
-            let (depth, options) = (found.filled(), self.settings.cloud_options());
-            let deviations = found.deviations();
-            Ok(ColoredCloud::new(
-                depth, deviations, &frame.rgb, camera, &options,
-            ))
+            Ok(cloud(self.settings, frame, found, camera))
         };
         let range = || {
             let range = self.settings.range.or(usual_range(&found.depth));
@@ -180,7 +176,7 @@ impl<'a> Outputs<'a> {
         Ok(FormatData {
             color_range: self.settings.writes(Format::Color).then(range),
             png: self.settings.writes(Format::Png).then(png).transpose()?,
-            cloud: self.settings.writes(Format::Ply).then(cloud).transpose()?,
+            cloud: self.settings.writes(Format::Ply).then(points).transpose()?,
             exported: self
                 .export
                 .as_ref()
@@ -316,6 +312,22 @@ impl Contents<'_> {
         let bytes = |path: &Path| std::fs::read(path).ok();
         self.write(kind, &again).is_ok() && bytes(path) == bytes(&again)
     }
+}
+
+/// The points of a result. They have standard deviations if these were asked for.
+pub(super) fn cloud(
+    settings: &Settings,
+    frame: &Loaded,
+    found: &Completed,
+    camera: &Camera,
+) -> ColoredCloud {
+    let deviations = found.deviations();
+    let options = settings.cloud_options();
+    let mut cloud = ColoredCloud::new(found.filled(), deviations, &frame.rgb, camera, &options);
+    if !(settings.uncertainty || settings.limits().is_any()) {
+        cloud.points.iter_mut().for_each(|point| point.sigma = None);
+    }
+    cloud
 }
 
 fn no_camera() -> Error {

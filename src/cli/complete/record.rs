@@ -102,7 +102,7 @@ impl Records {
         for (role, input) in job.inputs(settings) {
             let path = input.path();
             let same = match before.inputs.get(role) {
-                Some(source) if matches!(input, Input::Views(_)) => {
+                Some(source) if matches!(input, Input::Views(views) if !views.is_one_file()) => {
                     *source == self.source(&input)?
                 }
                 Some(source) if source.ending != ending(path) => false,
@@ -159,10 +159,15 @@ impl Records {
     fn source(&self, input: &Input<'_>) -> Result<Source> {
         let path = input.path();
         if let Input::Views(views) = input {
+            let (stamp, ending) = if views.is_one_file() {
+                (stamp(path), ending(path))
+            } else {
+                (None, String::new())
+            };
             return Ok(Source {
-                stamp: None,
-                ending: String::new(),
-                content: views.content().to_owned(),
+                stamp,
+                ending,
+                content: views.content(),
             });
         }
         if let Input::Frame(recorded, frame) = input {

@@ -8,7 +8,8 @@ use lsdc_core::Observations;
 use lsdc_eval::data::{Camera, check_foreign};
 use lsdc_files::error::{Error, Result};
 use lsdc_recordings::{
-    DroppedFrame, FrameMessages, FrameOptions, Frames, Header, PointTimes, Recording, SyncedFrame,
+    DecodedPoints, DroppedFrame, FrameMessages, FrameOptions, Frames, Header, PointTimes,
+    Recording, Rigid, Route, SyncedFrame, TransformGap,
 };
 use lsdc_weights::provenance;
 use serde_json::json;
@@ -150,9 +151,34 @@ impl Recorded {
             camera: found.camera,
             guide: None,
             noise: None,
+            views: None,
             reading: started.elapsed(),
         };
         Ok((found.header, loaded))
+    }
+
+    /// The points of a frame and its camera, without its image.
+    pub(super) fn points(&self, frame: &SyncedFrame) -> Result<DecodedPoints> {
+        self.read(frame)?.decode_points(&self.frames)
+    }
+
+    /// Whether the camera of the images is known.
+    pub(super) fn has_camera(&self) -> bool {
+        self.frames.seen_by().is_some()
+    }
+
+    /// From the frame that motion is measured in to the cameras.
+    pub(super) fn camera_route(&self) -> Result<Route> {
+        self.frames.camera_route()
+    }
+
+    /// Where the camera was when it took the image.
+    pub(super) fn camera_pose(
+        &self,
+        route: &Route,
+        frame: &SyncedFrame,
+    ) -> std::result::Result<Rigid, TransformGap> {
+        self.frames.camera_pose(route, frame)
     }
 
     /// The points of a frame where its camera would see them so many nanoseconds later, if that is known.

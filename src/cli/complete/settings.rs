@@ -2,12 +2,12 @@
 
 use crate::cli::args::{Complete, Format, Model, PoseSource, Recorded};
 use lsdc_core::fit::{Changes, FitConfig};
-use lsdc_core::{DepthNoise, Quality};
+use lsdc_core::{DepthNoise, Quality, ViewSettings};
 use lsdc_eval::data::{Camera, Colmap, DepthKind, Shard, Unit};
 use lsdc_eval::predict::{GuideSpec, Method, Preserve};
 use lsdc_eval::sampling::Size;
 use lsdc_files::error::{Error, Result};
-use lsdc_files::{CloudOptions, WorkspaceFormat};
+use lsdc_files::{CloudOptions, DeviationLimits, WorkspaceFormat};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -55,12 +55,21 @@ pub(super) struct Settings {
         skip_serializing_if = "Option::is_none"
     )]
     pub(super) views: Option<PoseSource>,
+    /// Which images are neighbours.
+    #[serde(
+        serialize_with = "as_text::view_settings",
+        skip_serializing_if = "is_default"
+    )]
+    pub(super) views_settings: ViewSettings,
     pub(super) preserve_input: Preserve,
     /// Depths of the first and the last colour of colour maps.
     pub(super) range: Option<(f32, f32)>,
     pub(super) max_sigma: Option<f32>,
     #[serde(skip_serializing_if = "is_default")]
     pub(super) max_relative_sigma: Option<f32>,
+    /// That of clouds and workspaces, if a run writes any.
+    #[serde(skip_serializing_if = "is_default")]
+    measured: Option<f32>,
     voxel: Option<f64>,
     keep_flying: bool,
     /// Whether files of depths hold standard deviations, too.
@@ -184,12 +193,20 @@ impl Settings {
             full,
             temporal,
             views,
+            views_past,
+            views_count,
             shard,
             force,
             json,
             recorded,
             model,
         } = args;
+        let usual = ViewSettings::default();
+        let has_mask = |format: &WorkspaceFormat| *format != WorkspaceFormat::Splatting;
+        let writes_surfaces =
+            formats.contains(&Format::Ply) || recorded.cloud || export.iter().any(has_mask);
+        let measured = max_relative_sigma.unwrap_or(DeviationLimits::MEASURED as f32);
+        let measured = (method == Method::Lsdc && writes_surfaces).then_some(measured);
         let holds_sigma = |format| matches!(format, &Format::Npz | &Format::Exr | &Format::Ply);
         Ok(Self {
             sigma_in_files: uncertainty && formats.iter().any(holds_sigma),
@@ -210,10 +227,16 @@ impl Settings {
             size,
             temporal,
             views,
+            views_settings: ViewSettings {
+                only_past: views_past,
+                count: views_count.map_or(usual.count, |count| count as usize),
+                ..usual
+            },
             preserve_input,
             range,
             max_sigma,
             max_relative_sigma,
+            measured,
             voxel,
             keep_flying,
             uncertainty,
@@ -237,10 +260,26 @@ impl Settings {
         self.formats.contains(&format)
     }
 
+    /// The largest standard deviations in depth maps, as they were asked for.
+    pub(super) fn limits(&self) -> DeviationLimits {
+        DeviationLimits {
+            absolute: self.max_sigma,
+            relative: self.max_relative_sigma,
+        }
+    }
+
+    /// The same in clouds and workspaces: what counts as measured there, unless a share is given.
+    pub(super) fn limits_of_surfaces(&self) -> DeviationLimits {
+        DeviationLimits {
+            relative: self.measured,
+            ..self.limits()
+        }
+    }
+
     /// Which pixels become points of a cloud.
     pub(super) fn cloud_options(&self) -> CloudOptions {
         CloudOptions {
-            max_sigma: self.max_sigma,
+            limits: self.limits_of_surfaces(),
             keep_flying: self.keep_flying,
             voxel: self.voxel,
         }
@@ -349,7 +388,7 @@ fn check_folder(path: &Path) -> Result<()> {
 mod as_text {
     #![expect(clippy::ref_option, reason = "serde passes fields by reference")]
 
-    use super::{DepthNoise, GuideSpec};
+    use super::{DepthNoise, GuideSpec, ViewSettings};
     use serde::{Serialize as _, Serializer};
     use std::fmt::{Debug, Display};
 
@@ -380,6 +419,14 @@ mod as_text {
 
     pub(super) fn is_given<T, S: Serializer>(value: &Option<T>, to: S) -> Result<S::Ok, S::Error> {
         to.serialize_bool(value.is_some())
+    }
+
+    /// The numbers that options set.
+    pub(super) fn view_settings<S: Serializer>(
+        settings: &ViewSettings,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        (settings.count, settings.only_past).serialize(to)
     }
 
     pub(super) fn coefficients<S: Serializer>(

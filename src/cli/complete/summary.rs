@@ -141,7 +141,7 @@ impl Summary {
                 "{count} without a standard deviation: the fit's own noise is assumed for them"
             ));
         }
-        Self {
+        let mut summary = Self {
             image: name.display().to_string(),
             status: "completed",
             points: PointCounts {
@@ -183,11 +183,15 @@ impl Summary {
                 dense: fit.map(|fit| seconds(fit.dense)),
             },
             remarks,
+        };
+        if let (Some(views), Some(report)) = (&frame.views, &found.views) {
+            summary.add_views(views.described(report));
         }
+        summary
     }
 
     /// Adds what became of the points of other images.
-    pub(super) fn add_views(&mut self, views: DescribedViews) {
+    fn add_views(&mut self, views: DescribedViews) {
         // The fit counts all points.
         self.points.counts.used = self.points.counts.used.saturating_sub(views.carried);
         self.remarks.extend(views.remark());
@@ -220,12 +224,14 @@ impl Summary {
         self.left_empty.map_or(0, |left| left.pixels)
     }
 
-    /// Pixels that have no point in the cloud: those where the lens does not look, flying ones, and those that share a
-    /// voxel with others.
-    pub(super) fn left_out_of_cloud(&self) -> [usize; 3] {
-        self.cloud
-            .as_ref()
-            .map_or([0; 3], |cloud| [cloud.unseen, cloud.flying, cloud.merged])
+    /// Pixels that have no point in the cloud: uncertain ones, unless they are empty in the map too, those where the lens does
+    /// not look, flying ones, and those that share a voxel with others.
+    pub(super) fn left_out_of_cloud(&self) -> [usize; 4] {
+        let told = self.left_empty.is_some();
+        self.cloud.as_ref().map_or([0; 4], |cloud| {
+            let uncertain = if told { 0 } else { cloud.uncertain };
+            [uncertain, cloud.unseen, cloud.flying, cloud.merged]
+        })
     }
 
     /// The unit of depths.

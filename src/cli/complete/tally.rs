@@ -19,7 +19,7 @@ pub(super) struct Tally<'a> {
     png_raised: usize,
     left_out_of_points: [usize; 4],
     left_empty: usize,
-    left_out_of_clouds: [usize; 3],
+    left_out_of_clouds: [usize; 4],
     /// With workspaces for other programs.
     exported: Option<ExportCounts>,
     skewed: usize,
@@ -73,7 +73,7 @@ impl<'a> Tally<'a> {
             png_raised: 0,
             left_out_of_points: [0; 4],
             left_empty: 0,
-            left_out_of_clouds: [0; 3],
+            left_out_of_clouds: [0; 4],
             exported: None,
             skewed: 0,
             views: ViewsTally::default(),
@@ -170,7 +170,7 @@ impl<'a> Tally<'a> {
         if self.left_empty > 0 {
             let pixels = counted(self.left_empty, "pixel");
             tell(&format!(
-                "empty     {pixels} left empty: standard deviation above --max-sigma"
+                "empty     {pixels} left empty: standard deviation above --max-sigma or --max-relative-sigma"
             ));
         }
         if let Some(counts) = self.exported {

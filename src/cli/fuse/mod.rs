@@ -8,7 +8,7 @@ use frames::{Loaded, Source, sources};
 use lsdc_core::{Channels, DepthMap, Image};
 use lsdc_eval::data::{check_output, write_atomically};
 use lsdc_files::error::{Error, Result};
-use lsdc_files::{Poses, has_ending};
+use lsdc_files::{DeviationLimits, Poses, has_ending};
 use lsdc_fusion::{Frame, Fusion, Mesh, Report, Settings, Up, VoxelSize, voxel_size};
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -106,7 +106,7 @@ fn settings(args: &Fuse) -> Result<Settings> {
     let settings = Settings {
         voxel: args.voxel,
         max_depth: args.max_depth.unwrap_or(defaults.max_depth),
-        max_deviation: args.max_deviation.unwrap_or(defaults.max_deviation),
+        max_deviation: args.max_deviation.unwrap_or(DeviationLimits::MEASURED),
         max_memory: (gib * f64::from(1 << 30)) as usize,
         ..defaults
     };

@@ -2,7 +2,7 @@
 
 mod voxels;
 
-use crate::{Camera, ColoredPoint, DepthMap};
+use crate::{Camera, ColoredPoint, DepthMap, DeviationLimits};
 use image::RgbImage;
 use lsdc_core::cloud::flying_pixels;
 use voxels::thinned;
@@ -10,8 +10,8 @@ use voxels::thinned;
 /// Which pixels of a map become points of a cloud.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CloudOptions {
-    /// The largest standard deviation of a depth, in metres; pixels above are left out.
-    pub max_sigma: Option<f32>,
+    /// The largest standard deviations; pixels above are left out.
+    pub limits: DeviationLimits,
     /// Keep the pixels that lie between the surfaces at a depth edge
     /// ([`flying_pixels`](lsdc_core::cloud::flying_pixels)).
     pub keep_flying: bool,
@@ -55,8 +55,7 @@ impl ColoredCloud {
         });
         for point in depth.points() {
             let sigma = deviations.and_then(|map| map.get(point.x, point.y));
-            let known = sigma.zip(options.max_sigma);
-            if known.is_some_and(|(sigma, most)| sigma > most) {
+            if sigma.is_some_and(|sigma| options.limits.exclude(point.depth, sigma)) {
                 cloud.uncertain += 1;
                 continue;
             }
@@ -120,10 +119,23 @@ mod tests {
                 .all(|point| [1.0, 2.0].contains(&point.position[2]))
         );
         let sure = cloud(CloudOptions {
-            max_sigma: Some(0.05),
+            limits: DeviationLimits {
+                absolute: Some(0.05),
+                relative: None,
+            },
             ..CloudOptions::default()
         });
         assert_eq!((sure.points.len(), sure.uncertain, sure.flying), (0, 60, 0));
+        // 0.1 m are a tenth of the depth of the near wall, and a twentieth of the far one.
+        let far = cloud(CloudOptions {
+            limits: DeviationLimits {
+                absolute: None,
+                relative: Some(0.099),
+            },
+            keep_flying: true,
+            ..CloudOptions::default()
+        });
+        assert_eq!((far.points.len(), far.uncertain), (36, 24));
         // The near wall is 3 cm wide, the far one 6 cm and 10 cm high.
         let thin = cloud(CloudOptions {
             voxel: Some(0.5),

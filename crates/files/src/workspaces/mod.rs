@@ -347,6 +347,9 @@ impl Workspace {
                 vec![code.png(depth, &values)?]
             }
             Coding::Nerfstudio(format) => {
+                let along_rays = nerfstudio::along_rays(depth, &self.views[view].camera)?;
+                let depth = along_rays.as_ref().unwrap_or(depth);
+                counts.empty = depth.values().len() - depth.count();
                 let (bytes, [nearest, farthest]) = format.encode(depth)?;
                 counts.nearest = nearest;
                 counts.farthest = farthest;

@@ -2,8 +2,12 @@
 //!
 //! Its loader multiplies depths by `depth_unit_scale_factor`, 0.001 unless another is given, for 16-bit PNG and for npy alike
 //! (`get_depth_image_from_path`), so depths are stored in thousandths of the unit of the model. 0 is no depth.
+//!
+//! Depths are along the optical axis, except of fisheye lenses. nerfstudio compares depths times `directions_norm` with distances
+//! along its rays: the length of (x, y, 1) for perspective cameras, but 1 for fisheye ones (`Cameras._generate_rays_from_coords`).
 
 use crate::camera::Camera;
+use crate::depth_kind::length_of_ray;
 use crate::error::Result;
 use crate::files::{encode_depth_png, encode_npy, raised_in_png};
 use crate::pose::Pose;
@@ -85,6 +89,23 @@ pub(super) fn is_usable(lens: &Lens) -> bool {
         Lens::Radtan { coefficients, .. } => coefficients[5..].iter().all(|k| *k == 0.0),
         _ => false,
     }
+}
+
+/// The distances along the rays of a fisheye lens; nothing for other lenses, which keep depths along the axis. Pixels that the
+/// lens does not see have no depth.
+pub(super) fn along_rays(depth: &DepthMap, camera: &Camera) -> Result<Option<DepthMap>> {
+    if !matches!(camera.optics().lens(), Lens::Fisheye { .. }) {
+        return Ok(None);
+    }
+    let (width, height) = (depth.width(), depth.height());
+    let camera = camera.stretched((width, height));
+    let mut values = vec![0.0; width * height];
+    for point in depth.points() {
+        let length = length_of_ray([point.x as f64, point.y as f64], &camera);
+        let distance = length.map_or(0.0, |length| f64::from(point.depth) * length);
+        values[point.y * width + point.x] = distance as f32;
+    }
+    Ok(Some(DepthMap::new(width, height, values)?))
 }
 
 /// Whether fisheye lenses are beside others: nerfstudio has one lens model for all images.

@@ -159,6 +159,29 @@ fn no_depth_stays_none() {
     }
 }
 
+/// nerfstudio's rays of fisheye lenses have length 1: its depths are distances along them. Of an equidistant lens a pixel r beside
+/// the centre sees at r / f radians from the axis.
+#[test]
+fn depths_of_fisheye_lenses_are_distances() {
+    let scene = Scene::new("OPENCV_FISHEYE 4 3 5 5 2 1.5 0 0 0 0", IMAGES_TXT);
+    let workspace = scene.workspace(WorkspaceFormat::Nerfstudio).unwrap();
+    workspace.create(false).unwrap();
+    scene.add(&workspace, "a.png", &depth(2.0), false).unwrap();
+    let stored = crate::read_depth_png(&workspace.folder().join("depths/a.png.png"), 0.001);
+    let stored = stored.unwrap();
+    for y in 0..3 {
+        for x in 0..4 {
+            let away = [x as f64 - 1.5, y as f64 - 1.0].map(|v| v / 5.0);
+            let angle = away[0].hypot(away[1]);
+            let expected = 2.0 / angle.cos();
+            assert!(
+                (f64::from(stored.at(x, y)) - expected).abs() < 6e-4,
+                "{x} {y}"
+            );
+        }
+    }
+}
+
 #[test]
 fn maps_are_turned_back_to_the_stored_pixels() {
     let scene = Scene::pinhole();

@@ -3,7 +3,7 @@
 use super::sweep::{PointMotions, Sweep};
 use super::{Frames, SyncedFrame};
 use crate::Recording;
-use crate::message::{Header, MessageType, PointCloud, colours, depths};
+use crate::message::{Header, MessageType, PointCloud, colours, depths, size_of};
 use crate::rigid::Rigid;
 use image::RgbImage;
 use lsdc_core::DepthMap;
@@ -28,6 +28,19 @@ pub struct DecodedFrame {
     /// The image.
     pub image: RgbImage,
     /// Its points, where the camera was when it took the image.
+    pub points: Sparse,
+    /// Points that were left out, as it is not known when they were measured, or where the scanner was then.
+    pub unplaced: usize,
+    /// Whether all points count at the stamp of their cloud, though those of other clouds do at their own times: these are not
+    /// known here. A remark of the points says so.
+    pub skewed: bool,
+    /// The camera, at the origin unless it was given.
+    pub camera: Option<Camera>,
+}
+
+/// The points of a frame in memory, without its image.
+pub struct DecodedPoints {
+    /// The points, where the camera was when it took the image.
     pub points: Sparse,
     /// Points that were left out, as it is not known when they were measured, or where the scanner was then.
     pub unplaced: usize,
@@ -124,13 +137,46 @@ impl FrameMessages {
     /// # Errors
     /// Damaged messages; a camera of images of another shape; no points in the image.
     pub fn decode(&self, frames: &Frames) -> Result<DecodedFrame> {
-        let Self {
-            frame,
+        let (header, image, warning) = colours(frames.topics.image.1, &self.image)?;
+        let size = (image.width() as usize, image.height() as usize);
+        let of_image = warning.map(|warning| named(Path::new(&frames.topics.image.0), &warning));
+        let DecodedPoints {
+            points,
+            unplaced,
+            skewed,
+            camera,
+        } = self.points_in(frames, size, of_image.into_iter().collect())?;
+        let header = Header {
+            stamp: self.frame.stamp,
+            ..header
+        };
+        Ok(DecodedFrame {
+            header,
             image,
             points,
-        } = self;
-        let (header, image, warning) = colours(frames.topics.image.1, image)?;
-        let size = (image.width() as usize, image.height() as usize);
+            unplaced,
+            skewed,
+            camera,
+        })
+    }
+
+    /// The points of the frame alone: of the image, only the size is read.
+    ///
+    /// # Errors
+    /// As for [`Self::decode`].
+    pub fn decode_points(&self, frames: &Frames) -> Result<DecodedPoints> {
+        let size = size_of(frames.topics.image.1, &self.image)?;
+        self.points_in(frames, size, Vec::new())
+    }
+
+    /// The points in an image of this size, with these warnings and their own.
+    fn points_in(
+        &self,
+        frames: &Frames,
+        size: (usize, usize),
+        mut warnings: Vec<String>,
+    ) -> Result<DecodedPoints> {
+        let Self { frame, points, .. } = self;
         let camera = frames.camera(frame);
         let camera = camera.map(|camera| camera.resized(size)).transpose()?;
         let motion = frames.motion(frame)?;
@@ -141,8 +187,6 @@ impl FrameMessages {
         };
         let name = Path::new(&frames.topics.points.0);
         let (mut unplaced, mut skewed) = (0, false);
-        let of_image = warning.map(|warning| named(Path::new(&frames.topics.image.0), &warning));
-        let mut warnings: Vec<String> = of_image.into_iter().collect();
         if let Some(camera) = &camera {
             let topic = frames.topics.camera_info.as_ref();
             warnings.extend(Frames::warnings(
@@ -193,13 +237,7 @@ impl FrameMessages {
             }
         };
         points.remarks.extend(warnings);
-        let header = Header {
-            stamp: frame.stamp,
-            ..header
-        };
-        Ok(DecodedFrame {
-            header,
-            image,
+        Ok(DecodedPoints {
             points,
             unplaced,
             skewed,

@@ -4,10 +4,11 @@ mod cameras;
 mod choice;
 mod decoded;
 mod options;
+mod poses;
 mod stamps;
 mod sweep;
 
-pub use decoded::{DecodedFrame, FrameMessages};
+pub use decoded::{DecodedFrame, DecodedPoints, FrameMessages};
 pub use options::FrameOptions;
 pub use sweep::PointTimes;
 pub(crate) use sweep::timed;
@@ -43,6 +44,10 @@ pub struct Frames {
     transforms: Transforms,
     /// From the points to the camera, unless that is given.
     route: Option<Route>,
+    /// The frame of reference of the images, and that of the points.
+    frame_ids: [String; 2],
+    /// The frame that motion is measured in, if it was given.
+    fixed: Option<String>,
     /// The times of the points, if motion within a cloud is compensated.
     point_times: Option<PointTimes>,
 }
@@ -56,9 +61,10 @@ pub struct SyncedFrame {
     pub location: MessageLocation,
     /// When the image was recorded and published, in nanoseconds.
     pub times: MessageTimes,
-    points: MessageLocation,
+    /// Where the points are in the recording. Images that were taken in quick succession have the same ones.
+    pub points: MessageLocation,
     /// When the points were measured.
-    points_stamp: Timestamp,
+    pub points_stamp: Timestamp,
 }
 
 /// An image that cannot be used.
@@ -234,6 +240,8 @@ impl Frames {
             registered: false,
             transforms: tree,
             route: None,
+            frame_ids: [&images, &points].map(|found| found.frame.clone().unwrap_or_default()),
+            fixed: options.fixed.clone(),
             point_times: None,
             topics,
         };

@@ -97,6 +97,27 @@ pub(crate) fn colours(
     })
 }
 
+/// Width and height of the image of a message of either type.
+///
+/// # Errors
+/// As for [`colours`], as far as the size tells.
+pub(crate) fn size_of(kind: MessageType, message: &[u8]) -> Result<(usize, usize)> {
+    read_message(kind, message, |reader| {
+        Header::read(reader)?;
+        if kind != MessageType::CompressedImage {
+            return Ok(Raw::read(reader)?.size);
+        }
+        let _format = reader.string()?;
+        let reader = ImageReader::new(Cursor::new(reader.bytes()?)).with_guessed_format();
+        let size = reader
+            .map_err(Into::into)
+            .and_then(ImageReader::into_dimensions);
+        let (width, height) =
+            size.map_err(|e| damaged("holds neither a JPEG nor a PNG").because(e))?;
+        Ok((width as usize, height as usize))
+    })
+}
+
 /// The depths of a message of either type. Without a unit whole numbers are millimetres and others metres (ROS REP 118).
 ///
 /// # Errors

@@ -13,7 +13,7 @@ pub(crate) use camera_info::{StampedCamera, camera_of};
 pub(crate) use cloud::PointCloud;
 pub use cloud::write_cloud;
 pub use image::write_depth;
-pub(crate) use image::{colours, compressed_depths, depths};
+pub(crate) use image::{colours, compressed_depths, depths, size_of};
 pub use transform::TransformStamped;
 pub(crate) use transform::transforms;
 

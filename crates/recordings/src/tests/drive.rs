@@ -130,3 +130,46 @@ fn what_is_not_there_is_named_with_what_is() {
     };
     refused(options, "not both in the frame `map`", "odom");
 }
+
+/// The car is at (8 t, 2 t², 0) in `odom` after t seconds and turned by 0.4 t + 0.3 t²; its camera is at (0.8, 0.1, 1.4) and looks
+/// ahead.
+#[test]
+fn the_camera_is_where_the_car_drove() {
+    let (mut recording, frames) = frames(&FrameOptions::default()).unwrap();
+    let route = frames.camera_route().unwrap();
+    assert_eq!(route.fixed(), "odom");
+    for frame in &frames.found {
+        let seconds = (frame.stamp - 1_700_000_000_000_000_000) as f64 * 1e-9;
+        let (sin, cos) = (0.4 * seconds + 0.3 * seconds * seconds).sin_cos();
+        let place = [
+            8.0 * seconds + cos * 0.8 - sin * 0.1,
+            2.0 * seconds * seconds + sin * 0.8 + cos * 0.1,
+            1.4,
+        ];
+        let pose = frames.camera_pose(&route, frame).unwrap();
+        // Two metres ahead, and one above.
+        let point = [place[0] + 2.0 * cos, place[1] + 2.0 * sin, place[2] + 1.0];
+        let seen = pose.apply(point);
+        for (found, expected) in seen.into_iter().zip([0.0, -1.0, 2.0]) {
+            assert!((found - expected).abs() < 1e-6, "{seen:?}");
+        }
+        // Without its image, a frame has the same points.
+        let read = frames.read(&mut recording, frame).unwrap();
+        let (whole, points) = (
+            read.decode(&frames).unwrap(),
+            read.decode_points(&frames).unwrap(),
+        );
+        assert_eq!(whole.points.points, points.points.points);
+        assert_eq!(points.points.size, (96, 72));
+    }
+    let still = FrameOptions {
+        fixed: Some("base_link".to_owned()),
+        ..FrameOptions::default()
+    };
+    let (_, frames) = self::frames(&still).unwrap();
+    let error = frames.camera_route().err().unwrap();
+    assert!(
+        error.to_string().contains("no transforms that move"),
+        "{error}"
+    );
+}

@@ -1,0 +1,49 @@
+//! Where the cameras of a recording are in the frame that motion is measured in.
+
+use super::{Frames, SyncedFrame};
+use crate::rigid::Rigid;
+use crate::transforms::{Route, TransformGap};
+use lsdc_files::error::{Error, Result};
+
+impl Frames {
+    /// The route from the frame that motion is measured in to that of the cameras, for [`Self::camera_pose`]. A given camera is in the
+    /// frame of the points.
+    ///
+    /// # Errors
+    /// Transforms that lead from no such frame, or that do not move: then it is not known where the camera was.
+    pub fn camera_route(&self) -> Result<Route> {
+        let [image, points] = &self.frame_ids;
+        let own = if self.given_camera.is_some() {
+            points
+        } else {
+            image
+        };
+        let fixed = match &self.route {
+            Some(route) => route.fixed().to_owned(),
+            None => {
+                let route = self.transforms.route(own, own, self.fixed.as_deref())?;
+                route.fixed().to_owned()
+            }
+        };
+        let route = self.transforms.route(&fixed, own, Some(&fixed))?;
+        if self.transforms.is_dynamic(&route) {
+            return Ok(route);
+        }
+        let what = format!("no transforms that move lead from `{fixed}` to `{own}`");
+        Err(Error::config(what).hint(
+            "record /tf with the odometry, name its frame by --fixed-frame, or give a trajectory",
+        ))
+    }
+
+    /// The motion from the frame that motion is measured in to that of the camera, when it took the image.
+    ///
+    /// # Errors
+    /// Transforms do not reach that time.
+    pub fn camera_pose(
+        &self,
+        route: &Route,
+        frame: &SyncedFrame,
+    ) -> std::result::Result<Rigid, TransformGap> {
+        self.transforms.between(route, [frame.stamp; 2])
+    }
+}
