@@ -2,7 +2,8 @@
 //!
 //! A [`Recording`] is visited message by message, and any message can be read again by its [`MessageLocation`]; it is never held
 //! whole. [`Survey`] counts what is in it. [`Frames`] finds the points that belong to each image: those nearest in time,
-//! seen from where the camera was ([`Transforms`]). [`Writer`] writes MCAP.
+//! seen from where the camera was ([`Transforms`]). [`LiveFrames`] does the same with the messages of a running robot.
+//! [`Writer`] writes MCAP.
 //!
 //! ```no_run
 //! # fn main() -> lsdc_files::error::Result<()> {
@@ -35,10 +36,13 @@ mod writer;
 
 pub use container::{Defects, Message, MessageLocation, MessageTimes, Topic};
 pub use frames::{
-    DecodedFrame, DropReason, DroppedFrame, FrameMessages, FrameOptions, Frames, PointTimes,
-    SyncedFrame,
+    DecodedFrame, DropReason, DroppedFrame, FrameMessages, FrameOptions, FrameTopics, Frames,
+    LiveCounts, LiveFrame, LiveFrames, PointTimes, Receipt, SyncedFrame,
 };
-pub use message::{Header, MessageType, Timestamp, TransformStamped, write_cloud, write_depth};
+pub use message::{
+    DIAGNOSTIC_ARRAY, DiagnosticLevel, DiagnosticStatus, Header, MessageType, Timestamp,
+    TransformStamped, write_cloud, write_depth, write_diagnostics, write_points,
+};
 pub use recording::Recording;
 pub use rigid::Rigid;
 pub use survey::{Survey, TopicSummary};
