@@ -5,7 +5,10 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Messages in the order of their receipt, of each topic at most so many: the oldest make room.
+/// Bytes of all messages.
+const MOST_BYTES: usize = 1 << 30;
+
+/// Messages in the order of their receipt, of each topic at most so many, and at most [`MOST_BYTES`]: the oldest make room.
 #[derive(Default)]
 pub(crate) struct Inbox {
     contents: Mutex<Contents>,
@@ -15,6 +18,7 @@ pub(crate) struct Inbox {
 #[derive(Default)]
 struct Contents {
     messages: VecDeque<Received>,
+    bytes: usize,
     topics: Vec<Topic>,
     is_closed: bool,
     /// Whether who waits is to look again, though no message has come.
@@ -34,6 +38,21 @@ pub(crate) struct Received {
     pub(crate) topic: usize,
     pub(crate) message: Vec<u8>,
     pub(crate) receipt: Receipt,
+}
+
+impl Contents {
+    /// Removes the oldest message of those.
+    fn lose(&mut self, of: impl Fn(&Received) -> bool) {
+        let oldest = self.messages.iter().position(of);
+        let Some(lost) = oldest.and_then(|oldest| self.messages.remove(oldest)) else {
+            return;
+        };
+        self.bytes -= lost.message.len();
+        if let Some(topic) = self.topics.get_mut(lost.topic) {
+            topic.waiting -= 1;
+            topic.lost += 1;
+        }
+    }
 }
 
 impl Inbox {
@@ -60,14 +79,16 @@ impl Inbox {
         let Some(topic) = contents.topics.get_mut(number) else {
             return;
         };
-        if topic.waiting < topic.limit {
-            topic.waiting += 1;
-        } else {
-            topic.lost += 1;
-            let oldest = contents.messages.iter().position(|m| m.topic == number);
-            oldest.and_then(|oldest| contents.messages.remove(oldest));
-        }
+        topic.waiting += 1;
+        let is_full = topic.waiting > topic.limit;
+        contents.bytes += received.message.len();
         contents.messages.push_back(received);
+        if is_full {
+            contents.lose(|message| message.topic == number);
+        }
+        while contents.bytes > MOST_BYTES && contents.messages.len() > 1 {
+            contents.lose(|_| true);
+        }
         drop(contents);
         self.arrived.notify_one();
     }
@@ -76,6 +97,7 @@ impl Inbox {
     pub(crate) fn take(&self) -> Option<(String, Received)> {
         let mut contents = self.lock();
         let received = contents.messages.pop_front()?;
+        contents.bytes -= received.message.len();
         let topic = contents.topics.get_mut(received.topic)?;
         topic.waiting -= 1;
         Some((topic.name.clone(), received))

@@ -7,6 +7,8 @@
 mod clock;
 mod config;
 mod engine;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod inbox;
 mod memory;
 mod node;
@@ -18,6 +20,8 @@ mod transport;
 
 pub use clock::{Clock, ManualClock, SystemClock};
 pub use config::{NodeConfig, camera_info_beside, conventional_topics};
+#[cfg(feature = "foxglove")]
+pub use foxglove::{Foxglove, ShownTransport};
 pub use memory::{MemoryTransport, Published};
 pub use node::{Node, NodeHandle};
 pub use parameters::Parameters;

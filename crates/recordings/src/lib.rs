@@ -35,6 +35,7 @@ mod transforms;
 mod writer;
 
 pub use container::{Defects, Message, MessageLocation, MessageTimes, Topic};
+pub use definitions::message_definition;
 pub use frames::{
     DecodedFrame, DropReason, DroppedFrame, FrameMessages, FrameOptions, FrameTopics, Frames,
     LiveCounts, LiveFrame, LiveFrames, PointTimes, Receipt, SyncedFrame,

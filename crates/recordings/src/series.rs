@@ -37,6 +37,10 @@ impl<T> TimeSeries<T> {
         self.0.drain(..kept);
     }
 
+    pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = &(Timestamp, T)> {
+        self.0.iter()
+    }
+
     pub(crate) fn last(&self) -> Option<&(Timestamp, T)> {
         self.0.last()
     }

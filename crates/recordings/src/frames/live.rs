@@ -18,6 +18,8 @@ use std::time::Duration;
 const IMAGES: usize = 16;
 /// Clouds that are kept.
 const CLOUDS: usize = 32;
+/// Bytes of images that wait, and of clouds that are kept: the newest of either is kept in any case.
+const MOST_BYTES: usize = 512 << 20;
 /// Cameras of a topic that are kept.
 const CAMERAS: usize = 16;
 /// Stamps that are kept of clouds and cameras.
@@ -229,10 +231,12 @@ impl LiveFrames {
             received: receipt.at,
             points_end: None,
         });
-        if self.images.len() > IMAGES
-            && let Some(oldest) = self.images.pop_front()
-        {
-            self.drop_image(oldest.header.stamp, DropReason::Superseded);
+        let sizes = self.images.iter().rev().map(|image| image.message.len());
+        let kept = fitting(sizes).min(IMAGES);
+        let superseded = self.images.len() - kept;
+        let superseded: Vec<_> = self.images.drain(..superseded).collect();
+        for image in superseded {
+            self.drop_image(image.header.stamp, DropReason::Superseded);
         }
     }
 
@@ -252,7 +256,13 @@ impl LiveFrames {
             message: Arc::new(message),
         };
         self.clouds.insert(header.stamp, cloud);
-        self.clouds.keep_last(CLOUDS);
+        let sizes = self
+            .clouds
+            .iter()
+            .rev()
+            .map(|(_, cloud)| cloud.message.len());
+        let kept = fitting(sizes).min(CLOUDS);
+        self.clouds.keep_last(kept);
     }
 
     fn add_other(&mut self, topic: &str, message: &[u8]) {
@@ -473,10 +483,32 @@ impl Rig {
     }
 }
 
+/// How many messages of these sizes are kept: at least one.
+fn fitting(sizes: impl Iterator<Item = usize>) -> usize {
+    let mut bytes = 0;
+    let fits = |size: &usize| {
+        bytes += size;
+        bytes <= MOST_BYTES
+    };
+    sizes.take_while(fits).count().max(1)
+}
+
 /// Adds a stamp to the last ones.
 fn keep(stamps: &mut VecDeque<Timestamp>, stamp: Timestamp) {
     if stamps.len() == STAMPS {
         stamps.pop_front();
     }
     stamps.push_back(stamp);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_messages_are_kept_within_their_bytes() {
+        assert_eq!(fitting([1 << 20; 9].into_iter()), 9);
+        assert_eq!(fitting([200 << 20; 9].into_iter()), 2);
+        assert_eq!(fitting([MOST_BYTES + 1, 1].into_iter()), 1);
+    }
 }

@@ -1,11 +1,13 @@
 //! Recordings sent message by message, as by a running robot.
 
 use super::golden;
-use crate::message::MessageType;
+use crate::message::{MessageType, camera_of};
 use crate::{
-    DropReason, FrameOptions, FrameTopics, Frames, LiveFrame, LiveFrames, Receipt, Recording,
+    DropReason, FrameOptions, FrameTopics, Frames, Header, LiveFrame, LiveFrames, Receipt,
+    Recording, Writer,
 };
 use lsdc_rng::Rng;
+use std::path::Path;
 use std::time::Duration;
 
 /// How long images wait.
@@ -21,18 +23,21 @@ struct Sent {
 }
 
 fn messages(name: &str) -> Vec<Sent> {
+    messages_in(&golden(name))
+}
+
+fn messages_in(path: &Path) -> Vec<Sent> {
     let mut found = Vec::new();
-    let visited =
-        Recording::open(&golden(name))
-            .unwrap()
-            .visit(&|_| true, &mut |topic, message| {
-                found.push(Sent {
-                    topic: topic.name.clone(),
-                    log: message.times.log,
-                    data: message.data.to_vec(),
-                });
-                Ok(())
+    let visited = Recording::open(path)
+        .unwrap()
+        .visit(&|_| true, &mut |topic, message| {
+            found.push(Sent {
+                topic: topic.name.clone(),
+                log: message.times.log,
+                data: message.data.to_vec(),
             });
+            Ok(())
+        });
     visited.unwrap();
     found
 }
@@ -55,7 +60,11 @@ fn earlier(messages: &[Sent], seconds: i32) -> Vec<Sent> {
 }
 
 fn frames(name: &str, options: &FrameOptions) -> (Recording, Frames) {
-    let mut recording = Recording::open(&golden(name)).unwrap();
+    frames_in(&golden(name), options)
+}
+
+fn frames_in(path: &Path, options: &FrameOptions) -> (Recording, Frames) {
+    let mut recording = Recording::open(path).unwrap();
     let frames = Frames::of(&mut recording, options).unwrap();
     (recording, frames)
 }
@@ -89,9 +98,14 @@ fn live(topics: &FrameTopics, options: &FrameOptions) -> LiveFrames {
 
 /// Points, images and what is counted, bit for bit.
 fn assert_same(name: &str, options: &FrameOptions) -> usize {
-    let (mut recording, frames) = frames(name, options);
+    assert_same_in(&golden(name), options)
+}
+
+fn assert_same_in(path: &Path, options: &FrameOptions) -> usize {
+    let name = path.display();
+    let (mut recording, frames) = frames_in(path, options);
     let mut live = live(frames.topics(), options);
-    let outcomes = sent(&mut live, &messages(name), Duration::ZERO);
+    let outcomes = sent(&mut live, &messages_in(path), Duration::ZERO);
     let dropped: Vec<_> = outcomes.iter().filter_map(|o| o.as_ref().err()).collect();
     let kinds = |dropped: &[&crate::DroppedFrame]| {
         let kinds = dropped.iter().map(|d| (d.stamp, d.reason.kind()));
@@ -145,6 +159,44 @@ fn frames_are_those_of_the_recording() {
             assert!(assert_same("turn.mcap", &options) > 0);
         }
     }
+}
+
+/// A camera whose focal length changes in the middle: each image has its own, as in the recording.
+#[test]
+fn a_calibration_that_changes_is_that_of_each_image() {
+    let options = FrameOptions::default();
+    let (mut recording, frames) = frames("drive.mcap", &options);
+    let (_, topics) = (&mut recording, frames.topics());
+    let info = topics.camera_info.clone().unwrap();
+    let [.., middle] = [0, 1].map(|at| frames.found[at].stamp);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("changed.mcap");
+    let mut writer = Writer::create(&path).unwrap();
+    let mut changed = 0;
+    let visited = recording.visit(&|_| true, &mut |topic, message| {
+        let mut data = message.data.to_vec();
+        let stamp = if topic.name == info {
+            Header::of(&data)?.stamp
+        } else {
+            i64::MIN
+        };
+        if stamp >= middle {
+            let camera = camera_of(&data, false)?.camera;
+            let focal = camera.intrinsics()[0];
+            let at = data
+                .windows(8)
+                .position(|bytes| bytes == focal.to_le_bytes());
+            let (number, _) = data[at.unwrap()..].split_first_chunk_mut().unwrap();
+            *number = (1.25 * focal).to_le_bytes();
+            changed += 1;
+        }
+        let kind = MessageType::of(&topic.kind).unwrap();
+        writer.write(&topic.name, kind, message.times, &data)
+    });
+    visited.unwrap();
+    writer.finish().unwrap();
+    assert!(changed > 0);
+    assert_eq!(assert_same_in(&path, &options), frames.found.len());
 }
 
 /// A recording that is played twice: its clock is set back, and its frames are the same again.
