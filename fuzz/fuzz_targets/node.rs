@@ -32,8 +32,15 @@ fuzz_target!(|data: &[u8]| {
         let (message, next) = after.split_at(length);
         rest = next;
         step += 1;
-        let receipt = Receipt { at: Duration::from_millis(step), stamp: step as i64 };
-        live.add(TOPICS[usize::from(*topic) % TOPICS.len()], message.to_vec(), receipt);
+        let receipt = Receipt {
+            at: Duration::from_millis(step),
+            stamp: step as i64,
+        };
+        live.add(
+            TOPICS[usize::from(*topic) % TOPICS.len()],
+            message.to_vec(),
+            receipt,
+        );
         decode(&mut live, receipt.at);
     }
     decode(&mut live, Duration::from_millis(step + 3));

@@ -52,7 +52,8 @@ impl NodeConfig {
 /// The topics of images and points, by the conventions of ROS.
 ///
 /// The type of messages is guessed by names: `/compressed` and `/compressedDepth` end the topics of compressed images, those of
-/// depth images contain `depth` or `image`. The camera is `camera_info` beside the images; transforms are `/tf` and `/tf_static`.
+/// depth images contain `depth` or `image`. The camera is `camera_info` beside the images; transforms are `/tf` and
+/// `/tf_static`.
 ///
 /// ```
 /// use lsdc_node::conventional_topics;

@@ -1,5 +1,5 @@
-//! Images, depths, clouds and diagnostics for Foxglove, over its WebSocket protocol (`foxglove.websocket.v1` and `foxglove.sdk.v1`,
-//! which are the same for a server that only sends).
+//! Images, depths, clouds and diagnostics for Foxglove, over its WebSocket protocol (`foxglove.websocket.v1` and
+//! `foxglove.sdk.v1`, which are the same for a server that only sends).
 
 use crate::clock::Clock;
 use crate::transport::{Advertisement, Deliver, Publisher, Subscription, Transport};

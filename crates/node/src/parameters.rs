@@ -14,7 +14,12 @@ const ANY: [&str; 2] = ["/**", "**"];
 /// ```
 /// use lsdc_node::Parameters;
 ///
-/// let text = "/**:\n  ros__parameters:\n    image: /camera/image_raw\n    tf: [/tf, /tf_static]\n    max_latency: 0.05 # seconds\n";
+/// let text = "/**:
+///   ros__parameters:
+///     image: /camera/image_raw
+///     tf: [/tf, /tf_static]
+///     max_latency: 0.05 # seconds
+/// ";
 /// let found = Parameters::parse("robot.yaml".as_ref(), text, "lsdc").unwrap();
 /// assert_eq!(found.values("tf"), ["/tf", "/tf_static"]);
 /// assert_eq!(found.values("max_latency"), ["0.05"]);

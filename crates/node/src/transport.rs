@@ -64,7 +64,8 @@ pub struct Qos {
 }
 
 impl Qos {
-    /// Of sensors, as `rmw_qos_profile_sensor_data`: a lost message is not worth waiting for. It accepts reliable publishers, too.
+    /// Of sensors, as `rmw_qos_profile_sensor_data`: a lost message is not worth waiting for. It accepts reliable publishers,
+    /// too.
     pub const SENSOR_DATA: Self = Self {
         reliable: false,
         latched: false,

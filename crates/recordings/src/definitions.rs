@@ -35,8 +35,8 @@ const STATUS: &str = "diagnostic_msgs/DiagnosticStatus\nbyte OK=0\nbyte WARN=1\n
     string name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values";
 const VALUE: &str = "diagnostic_msgs/KeyValue\nstring key\nstring value";
 
-/// The definition of a type that is read or written here, by its name, with all that it is made of: in the language `ros2msg` of
-/// MCAP.
+/// The definition of a type that is read or written here, by its name, with all that it is made of: in the language `ros2msg`
+/// of MCAP.
 pub fn message_definition(name: &str) -> Option<String> {
     if name == DIAGNOSTIC_ARRAY {
         return Some([DIAGNOSTICS, HEADER, TIME, STATUS, VALUE].join(NEXT));

@@ -1,7 +1,7 @@
 //! Recordings of ROS 2, read and written without ROS: MCAP files and the SQLite bags of rosbag2.
 //!
-//! A [`Recording`] is visited message by message, and any message can be read again by its [`MessageLocation`]; it is never held
-//! whole. [`Survey`] counts what is in it. [`Frames`] finds the points that belong to each image: those nearest in time,
+//! A [`Recording`] is visited message by message, and any message can be read again by its [`MessageLocation`]; it is never
+//! held whole. [`Survey`] counts what is in it. [`Frames`] finds the points that belong to each image: those nearest in time,
 //! seen from where the camera was ([`Transforms`]). [`LiveFrames`] does the same with the messages of a running robot.
 //! [`Writer`] writes MCAP.
 //!

@@ -174,8 +174,8 @@ impl LiveFrame {
 }
 
 impl LiveFrames {
-    /// Frames of these topics. An image waits for its points and for transforms until `patience` after its receipt. The names of
-    /// topics in `options` are not used.
+    /// Frames of these topics. An image waits for its points and for transforms until `patience` after its receipt. The names
+    /// of topics in `options` are not used.
     pub fn new(topics: FrameTopics, options: &FrameOptions, patience: Duration) -> Self {
         Self {
             rig: Rig::new(topics, options, Transforms::of_the_last(TRANSFORMS)),
@@ -309,8 +309,8 @@ impl LiveFrames {
         self.dropped.push_back(DroppedFrame { stamp, reason });
     }
 
-    /// The next image for which it is decided whether it is completed, in the order of their receipt. Call it after messages were
-    /// added, and at the [deadline](Self::deadline), until there is none.
+    /// The next image for which it is decided whether it is completed, in the order of their receipt. Call it after messages
+    /// were added, and at the [deadline](Self::deadline), until there is none.
     pub fn next(&mut self, now: Duration) -> Option<std::result::Result<LiveFrame, DroppedFrame>> {
         if let Some(dropped) = self.dropped.pop_front() {
             return Some(Err(dropped));
@@ -396,7 +396,8 @@ impl LiveFrames {
         Some(Ok((message, times)))
     }
 
-    /// Whether the cloud nearest to a time is there: one after it is, or the next one is expected to be further away than the last.
+    /// Whether the cloud nearest to a time is there: one after it is, or the next one is expected to be further away than the
+    /// last.
     fn has_nearest(&self, stamp: Timestamp) -> bool {
         let Some((newest, _)) = self.clouds.last() else {
             return false;
