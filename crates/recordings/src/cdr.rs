@@ -136,7 +136,6 @@ impl CdrWriter {
         self.aligned(&value.to_le_bytes());
     }
 
-    #[cfg(test)]
     pub(crate) fn f64(&mut self, value: f64) {
         self.aligned(&value.to_le_bytes());
     }

@@ -1,6 +1,6 @@
 //! What the types of messages are made of, as recordings say it for programs that do not know them.
 
-use crate::message::MessageType;
+use crate::message::{DIAGNOSTIC_ARRAY, MessageType};
 
 /// The language of these texts.
 pub(crate) const LANGUAGE: &str = "ros2msg";
@@ -29,6 +29,20 @@ const TRANSFORM: &str =
     "geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation";
 const VECTOR: &str = "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z";
 const QUATERNION: &str = "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w";
+
+const DIAGNOSTICS: &str = "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status";
+const STATUS: &str = "diagnostic_msgs/DiagnosticStatus\nbyte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\n\
+    string name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values";
+const VALUE: &str = "diagnostic_msgs/KeyValue\nstring key\nstring value";
+
+/// The definition of a type that is read or written here, by its name, with all that it is made of: in the language `ros2msg`
+/// of MCAP.
+pub fn message_definition(name: &str) -> Option<String> {
+    if name == DIAGNOSTIC_ARRAY {
+        return Some([DIAGNOSTICS, HEADER, TIME, STATUS, VALUE].join(NEXT));
+    }
+    MessageType::of(name).map(definition)
+}
 
 /// The definition of a type, with all that it is made of.
 pub(crate) fn definition(kind: MessageType) -> String {

@@ -1,8 +1,9 @@
 //! Recordings of ROS 2, read and written without ROS: MCAP files and the SQLite bags of rosbag2.
 //!
-//! A [`Recording`] is visited message by message, and any message can be read again by its [`MessageLocation`]; it is never held
-//! whole. [`Survey`] counts what is in it. [`Frames`] finds the points that belong to each image: those nearest in time,
-//! seen from where the camera was ([`Transforms`]). [`Writer`] writes MCAP.
+//! A [`Recording`] is visited message by message, and any message can be read again by its [`MessageLocation`]; it is never
+//! held whole. [`Survey`] counts what is in it. [`Frames`] finds the points that belong to each image: those nearest in time,
+//! seen from where the camera was ([`Transforms`]). [`LiveFrames`] does the same with the messages of a running robot.
+//! [`Writer`] writes MCAP.
 //!
 //! ```no_run
 //! # fn main() -> lsdc_files::error::Result<()> {
@@ -34,11 +35,15 @@ mod transforms;
 mod writer;
 
 pub use container::{Defects, Message, MessageLocation, MessageTimes, Topic};
+pub use definitions::message_definition;
 pub use frames::{
-    DecodedFrame, DecodedPoints, DropReason, DroppedFrame, FrameMessages, FrameOptions, Frames,
-    PointTimes, SyncedFrame,
+    DecodedFrame, DecodedPoints, DropReason, DroppedFrame, FrameMessages, FrameOptions, FrameTopics, Frames,
+    LiveCounts, LiveFrame, LiveFrames, PointTimes, Receipt, SyncedFrame,
 };
-pub use message::{Header, MessageType, Timestamp, TransformStamped, write_cloud, write_depth};
+pub use message::{
+    DIAGNOSTIC_ARRAY, DiagnosticLevel, DiagnosticStatus, Header, MessageType, Timestamp,
+    TransformStamped, write_cloud, write_depth, write_diagnostics, write_points,
+};
 pub use recording::Recording;
 pub use rigid::Rigid;
 pub use survey::{Survey, TopicSummary};

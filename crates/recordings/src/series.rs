@@ -6,11 +6,43 @@ use crate::message::Timestamp;
 #[derive(Clone, Debug)]
 pub(crate) struct TimeSeries<T>(Vec<(Timestamp, T)>);
 
+impl<T> Default for TimeSeries<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
 impl<T> TimeSeries<T> {
     /// Of measurements in any order; of several at one time the first stays first.
     pub(crate) fn new(mut found: Vec<(Timestamp, T)>) -> Self {
         found.sort_by_key(|(stamp, _)| *stamp);
         Self(found)
+    }
+
+    /// Adds a measurement; of several at one time the first stays first.
+    pub(crate) fn insert(&mut self, stamp: Timestamp, found: T) {
+        let after = self.0.partition_point(|(time, _)| *time <= stamp);
+        self.0.insert(after, (stamp, found));
+    }
+
+    /// Forgets the earliest, so that at most so many are left.
+    pub(crate) fn keep_last(&mut self, most: usize) {
+        let forgotten = self.0.len().saturating_sub(most);
+        self.0.drain(..forgotten);
+    }
+
+    /// Forgets what was measured before a time.
+    pub(crate) fn forget_before(&mut self, stamp: Timestamp) {
+        let kept = self.0.partition_point(|(time, _)| *time < stamp);
+        self.0.drain(..kept);
+    }
+
+    pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = &(Timestamp, T)> {
+        self.0.iter()
+    }
+
+    pub(crate) fn last(&self) -> Option<&(Timestamp, T)> {
+        self.0.last()
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -44,6 +76,17 @@ mod tests {
         assert_eq!(found, ['a', 'a', 'a', 'a', 'b', 'c', 'c']);
         let found = [0, 10, 19, 20, 99].map(|stamp| *series.valid(stamp).unwrap());
         assert_eq!(found, ['a', 'a', 'a', 'b', 'c']);
+        let mut one_by_one = TimeSeries::default();
+        for (stamp, name) in [(20, 'b'), (30, 'c'), (10, 'a'), (20, 'z')] {
+            one_by_one.insert(stamp, name);
+        }
+        let at = |stamp| one_by_one.nearest(stamp).unwrap().1;
+        assert_eq!([0, 14, 20, 21, 99].map(at), ['a', 'a', 'b', 'z', 'c']);
+        one_by_one.forget_before(20);
+        assert_eq!(one_by_one.nearest(0), Some(&(20, 'b')));
+        one_by_one.keep_last(1);
+        assert_eq!(one_by_one.nearest(0), one_by_one.last());
+        assert_eq!(one_by_one.last(), Some(&(30, 'c')));
         assert!(TimeSeries::<u8>::new(Vec::new()).nearest(5).is_none());
         assert!(TimeSeries::<u8>::new(Vec::new()).valid(5).is_none());
     }

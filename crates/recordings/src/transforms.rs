@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 /// it.
 const ODOMETRY: &str = "odom";
 
-/// The transforms of a recording.
-#[derive(Debug, Default)]
+/// The transforms of a recording, or the last ones of a running robot.
+#[derive(Clone, Debug, Default)]
 pub struct Transforms {
     /// By the frame that is in another one.
     links: BTreeMap<String, Link>,
@@ -18,15 +18,42 @@ pub struct Transforms {
     pub reparented: usize,
     /// Transforms that hold at all times, but differ from one before, which they replace.
     pub replaced: usize,
+    /// What is kept of the transforms of a running robot.
+    window: Option<Window>,
+    /// Changes of what is in what: new frames, and static transforms that differ.
+    pub(crate) changes: usize,
+    /// Frames whose stamps went back, which starts their transforms anew.
+    pub(crate) jumps: usize,
+    /// Transforms of frames beyond [`Window::FRAMES`], which are left out.
+    pub(crate) crowded: usize,
+}
+
+/// The transforms that are kept while others follow.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    /// Nanoseconds before the newest transform of a frame.
+    length: u64,
+}
+
+impl Window {
+    /// Transforms of one frame: 2 kHz over 10 seconds.
+    const SAMPLES: usize = 20_000;
+    /// Frames that are placed in others: more than any robot has, little enough for what is sent with ill intent.
+    const FRAMES: usize = 1024;
+    /// Stamps that go back by more are those of a clock that was set back, or of a recording that starts again. Less is
+    /// the disorder of a network.
+    const JUMP: i64 = 1_000_000_000;
 }
 
 /// Where a frame is in its parent.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Link {
     parent: String,
     is_static: bool,
-    /// In the order of time, if it moves; else the last that was said.
+    /// In the order of time, if it moves, and once they are sorted; else the last that was said.
     samples: Vec<(Timestamp, Rigid)>,
+    /// The latest stamp of the samples.
+    newest: Timestamp,
     /// Motion is not interpolated between transforms further apart, in nanoseconds.
     max_gap: u64,
 }
@@ -52,6 +79,25 @@ impl Link {
         median
             .saturating_mul(Self::GAP_FACTOR)
             .clamp(Self::MIN_GAP, Self::MAX_GAP)
+    }
+
+    /// Forgets what is outside of the window once a transform of this time is added. Returns whether the clock was set back.
+    fn make_room(&mut self, stamp: Timestamp, window: Window) -> bool {
+        let jumped = self.newest.saturating_sub(stamp) > Window::JUMP;
+        if jumped {
+            self.samples.clear();
+            self.newest = stamp;
+        }
+        // Twice as many for a while, so that it is not done for each.
+        let newest = self.newest.max(stamp);
+        let first = self.samples.first().map_or(stamp, |(time, _)| *time);
+        if self.samples.len() >= 2 * Window::SAMPLES || newest.abs_diff(first) > 2 * window.length {
+            let oldest = newest.saturating_sub_unsigned(window.length);
+            self.samples.retain(|(time, _)| *time >= oldest);
+            let beyond = self.samples.len().saturating_sub(Window::SAMPLES);
+            self.samples.drain(..beyond);
+        }
+        jumped
     }
 }
 
@@ -115,25 +161,81 @@ pub struct Route {
 }
 
 impl Transforms {
+    /// Those of a running robot: of each frame, the transforms of the given time before its newest are kept, in nanoseconds.
+    pub(crate) fn of_the_last(length: u64) -> Self {
+        Self {
+            window: Some(Window { length }),
+            ..Self::default()
+        }
+    }
+
     /// Adds a transform, which is valid at all times if it is static.
     pub fn add(&mut self, found: TransformStamped, is_static: bool) {
-        let link = self.links.entry(found.child).or_insert_with(|| Link {
-            parent: found.parent.clone(),
-            is_static,
-            samples: Vec::new(),
-            max_gap: 0,
+        if self.window.is_some()
+            && self.links.len() >= Window::FRAMES
+            && !self.links.contains_key(&found.child)
+        {
+            self.crowded += 1;
+            return;
+        }
+        let changes = &mut self.changes;
+        let link = self.links.entry(found.child).or_insert_with(|| {
+            *changes += 1;
+            Link {
+                parent: found.parent.clone(),
+                is_static,
+                samples: Vec::new(),
+                newest: found.stamp,
+                max_gap: 0,
+            }
         });
         if link.parent != found.parent {
             self.reparented += 1;
             return;
         }
+        self.changes += usize::from(is_static && !link.is_static);
         link.is_static |= is_static;
         if link.is_static {
             let differs = |(_, last): &(Timestamp, Rigid)| *last != found.rigid;
-            self.replaced += usize::from(link.samples.last().is_some_and(differs));
+            let replaced = usize::from(link.samples.last().is_some_and(differs));
+            self.replaced += replaced;
+            self.changes += replaced;
             link.samples.clear();
+        } else if let Some(window) = self.window {
+            self.jumps += usize::from(link.make_room(found.stamp, window));
         }
+        link.newest = link.newest.max(found.stamp);
         link.samples.push((found.stamp, found.rigid));
+    }
+
+    /// Forgets the frames that move, for a clock that was set back.
+    pub(crate) fn forget_motion(&mut self) {
+        self.links.retain(|_, link| link.is_static);
+        self.changes += 1;
+    }
+
+    /// The transforms of the frames on a route alone, ready for [`Self::between`].
+    pub(crate) fn along(&self, route: &Route) -> Self {
+        let frames = route.ends.iter().flatten();
+        let links =
+            frames.filter_map(|frame| Some((frame.clone(), self.links.get(frame)?.clone())));
+        let mut found = Self {
+            links: links.collect(),
+            ..Self::default()
+        };
+        found.sort();
+        found
+    }
+
+    /// Whether there are transforms at or after both times, for all frames on a route that move between these.
+    pub(crate) fn reach(&self, route: &Route, times: [Timestamp; 2]) -> bool {
+        let same = times[0] == times[1];
+        (0..2).all(|end| {
+            route.measured(end, same).iter().all(|frame| {
+                let link = self.links.get(frame);
+                link.is_none_or(|link| link.is_static || link.newest >= times[end])
+            })
+        })
     }
 
     /// Makes ready for [`Self::between`], once all are there.
@@ -228,15 +330,8 @@ impl Transforms {
         times: [Timestamp; 2],
     ) -> std::result::Result<Rigid, TransformGap> {
         let up = |end: usize| {
-            let frames = &route.ends[end];
-            // At one time, what is above the first common frame cancels out.
-            let count = if times[0] == times[1] {
-                route.short[end].min(frames.len())
-            } else {
-                frames.len()
-            };
             let mut rigid = Rigid::IDENTITY;
-            for frame in &frames[..count] {
+            for frame in route.measured(end, times[0] == times[1]) {
                 rigid = self.pose_at(frame, times[end])?.after(rigid);
             }
             Ok(rigid)
@@ -291,6 +386,17 @@ impl Route {
     /// The frame that motion is measured in.
     pub fn fixed(&self) -> &str {
         &self.fixed
+    }
+
+    /// The frames from an end whose places matter. At one time, what is above the first common frame cancels out.
+    fn measured(&self, end: usize, at_one_time: bool) -> &[String] {
+        let frames = &self.ends[end];
+        let count = if at_one_time {
+            self.short[end].min(frames.len())
+        } else {
+            frames.len()
+        };
+        &frames[..count]
     }
 }
 
@@ -428,6 +534,57 @@ mod tests {
         add(&mut tree, "a", "b", 0, 0.0, true);
         add(&mut tree, "b", "a", 0, 0.0, true);
         assert!(tree.route("a", "camera", None).is_err());
+    }
+
+    /// What is kept of a running robot, and a clock that is set back.
+    #[test]
+    fn a_window_forgets_what_is_old() {
+        const SECOND: Timestamp = 1_000_000_000;
+        let mut tree = Transforms::of_the_last(10 * SECOND as u64);
+        add(&mut tree, "base", "camera", 0, 3.0, true);
+        let drive = |tree: &mut Transforms, steps: std::ops::Range<i64>| {
+            for step in steps {
+                let stamp = step * SECOND / 20;
+                add(tree, "odom", "base", stamp, step as f64, false);
+            }
+        };
+        drive(&mut tree, 0..2000);
+        let count = tree.links["base"].samples.len();
+        assert!((200..=420).contains(&count), "{count}");
+        let route = tree.route("base", "camera", Some("odom")).unwrap();
+        let at = |seconds: i64| [seconds * SECOND, seconds * SECOND + SECOND / 10];
+        let some = tree.along(&route);
+        assert_eq!(moved(&some, &route, at(95)), -2.0 - 3.0);
+        assert!(some.between(&route, at(40)).is_err());
+        assert!(tree.reach(&route, at(99)) && !tree.reach(&route, at(100)));
+        assert!(tree.reach(&route, [at(200)[0]; 2]), "one time");
+        // What is late by less than a second stays in the window, what is earlier starts it anew.
+        add(&mut tree, "odom", "base", 99 * SECOND + 1, 0.0, false);
+        assert_eq!((tree.jumps, tree.reach(&route, at(99))), (0, true));
+        drive(&mut tree, 100..200);
+        assert_eq!((tree.jumps, tree.reach(&route, at(99))), (1, false));
+        assert_eq!(moved(&tree.along(&route), &route, at(6)), -2.0 - 3.0);
+        tree.forget_motion();
+        assert!(tree.route("base", "camera", Some("odom")).is_err());
+    }
+
+    #[test]
+    fn frames_without_number_are_refused() {
+        let mut tree = Transforms::of_the_last(1);
+        for number in 0..2 * Window::FRAMES {
+            add(
+                &mut tree,
+                "odom",
+                &number.to_string(),
+                0,
+                0.0,
+                number % 2 == 0,
+            );
+        }
+        assert_eq!(
+            (tree.links.len(), tree.crowded),
+            (Window::FRAMES, Window::FRAMES)
+        );
     }
 
     #[test]

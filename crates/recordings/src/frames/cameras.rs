@@ -5,20 +5,26 @@ use crate::rigid::Rigid;
 use crate::series::TimeSeries;
 use crate::transforms::Transforms;
 use lsdc_files::Camera;
-use lsdc_files::error::Error;
+use lsdc_files::error::{Cause, Error};
 
-/// The cameras that a topic describes, each once.
-#[derive(Default)]
-pub(super) struct CameraCollector {
+/// The cameras that a topic describes, by time, each once.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Cameras {
     /// Whether they are those of rectified images.
     rectified: bool,
-    found: Vec<(Timestamp, StampedCamera)>,
-    /// What is wrong with the first that is none, and how many are none.
-    pub(super) first_error: Option<Error>,
+    /// The frame of reference that the first of them names.
+    pub(super) frame: Option<String>,
+    series: TimeSeries<StampedCamera>,
+    /// The last that was added.
+    last: Option<StampedCamera>,
+    /// Whether they are beside the origin of their frame by their baselines.
+    is_beside: bool,
+    /// How many messages describe none, and what is wrong with the first of them.
     pub(super) unusable: usize,
+    first_error: Option<String>,
 }
 
-impl CameraCollector {
+impl Cameras {
     pub(super) fn new(rectified: bool) -> Self {
         Self {
             rectified,
@@ -26,48 +32,51 @@ impl CameraCollector {
         }
     }
 
-    pub(super) fn add(&mut self, message: &[u8]) {
-        match camera_of(message, self.rectified) {
-            Ok(found) => {
-                let same = |last: &StampedCamera| {
-                    last.camera == found.camera && last.baseline == found.baseline
-                };
-                if self.found.last().is_none_or(|(_, last)| !same(last)) {
-                    self.found.push((found.header.stamp, found));
-                }
-            }
+    /// Adds the camera of a message. Returns whether it differs from the last one.
+    pub(super) fn add(&mut self, message: &[u8]) -> bool {
+        let found = match camera_of(message, self.rectified) {
+            Ok(found) => found,
             Err(error) => {
                 self.unusable += 1;
-                self.first_error.get_or_insert(error);
+                self.first_error.get_or_insert_with(|| error.with_causes());
+                return false;
             }
+        };
+        let same =
+            |last: &StampedCamera| last.camera == found.camera && last.baseline == found.baseline;
+        if self.last.as_ref().is_some_and(same) {
+            return false;
         }
+        self.frame.get_or_insert_with(|| found.header.frame.clone());
+        self.last = Some(found.clone());
+        self.series.insert(found.header.stamp, found);
+        true
     }
 
-    pub(super) fn cameras(self) -> Cameras {
-        Cameras {
-            frame: self
-                .found
-                .first()
-                .map(|(_, first)| first.header.frame.clone()),
-            series: TimeSeries::new(self.found),
-            is_beside: false,
-        }
+    /// What is wrong with the first message that describes no camera.
+    pub(super) fn first_error(&self) -> Option<Error> {
+        let what = self.first_error.as_ref()?;
+        Some(Error::new(Cause::Format, what))
     }
-}
 
-/// The cameras that a topic describes, by time.
-#[derive(Debug)]
-pub(super) struct Cameras {
-    /// The frame of reference that the first of them names.
-    pub(super) frame: Option<String>,
-    series: TimeSeries<StampedCamera>,
-    /// Whether they are beside the origin of their frame by their baselines.
-    is_beside: bool,
-}
+    /// Forgets all cameras but the last of a time. Those of a running robot change seldom.
+    pub(super) fn keep_last(&mut self, most: usize) {
+        self.series.keep_last(most);
+    }
 
-impl Cameras {
+    /// Lets the last camera be valid at all times, for a clock that was set back.
+    pub(super) fn forget_times(&mut self) {
+        let last = self.last.clone().map(|last| (Timestamp::MIN, last));
+        self.series = TimeSeries::new(last.into_iter().collect());
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.series.is_empty()
+    }
+
+    /// The message of the camera that was valid at a time.
+    pub(super) fn message(&self, stamp: Timestamp) -> Option<&[u8]> {
+        Some(&self.series.valid(stamp)?.message)
     }
 
     /// At its place in its frame, that which was valid at a time.

@@ -10,19 +10,23 @@ use std::sync::Arc;
 
 /// The topics that frames are made of.
 #[derive(Clone, Debug)]
-pub(super) struct Topics {
-    pub(super) image: (String, MessageType),
-    pub(super) points: (String, MessageType),
-    pub(super) camera_info: Option<String>,
-    /// Of images of depths.
-    pub(super) depth_info: Option<String>,
-    pub(super) tf: Vec<String>,
+pub struct FrameTopics {
+    /// Of images: [`Image`](MessageType::Image) or [`CompressedImage`](MessageType::CompressedImage).
+    pub image: (String, MessageType),
+    /// Of clouds, or of images of depths.
+    pub points: (String, MessageType),
+    /// Of the camera of the images.
+    pub camera_info: Option<String>,
+    /// Of the camera of images of depths.
+    pub depth_info: Option<String>,
+    /// Of transforms. Those of a name that ends with `static` are valid at all times.
+    pub tf: Vec<String>,
 }
 
 const IMAGES: [MessageType; 2] = [Image, CompressedImage];
 const POINTS: [MessageType; 3] = [PointCloud2, Image, CompressedImage];
 
-impl Topics {
+impl FrameTopics {
     pub(super) fn choose(recording: &mut Recording, options: &FrameOptions) -> Result<Self> {
         let mut topics = recording.topics();
         if topics.is_empty() {

@@ -1,9 +1,10 @@
 //! One frame of a recording in memory.
 
+use super::rig::Rig;
 use super::sweep::{PointMotions, Sweep};
 use super::{Frames, SyncedFrame};
 use crate::Recording;
-use crate::message::{Header, MessageType, PointCloud, colours, depths, size_of};
+use crate::message::{Header, MessageType, PointCloud, Timestamp, colours, depths, size_of};
 use crate::rigid::Rigid;
 use image::RgbImage;
 use lsdc_core::DepthMap;
@@ -63,39 +64,84 @@ impl Frames {
             points: recording.read(frame.points)?,
         })
     }
+}
 
+impl FrameMessages {
+    /// The camera before it is fitted to the image, and the motion from the points to it, as text.
+    pub fn projection(&self, frames: &Frames) -> String {
+        let (rig, times) = (&frames.rig, FrameTimes::from(&self.frame));
+        let camera = rig.camera(times.image);
+        let depth_camera = rig.depth_cameras.at(times.points);
+        let cloud = PointCloud::of(&self.points).ok();
+        let motions = cloud.and_then(|cloud| Some(rig.motions(times, &cloud)?.edges));
+        let motion = rig.known_motion(times);
+        let registered = rig.registered;
+        format!("{camera:?} {depth_camera:?} {registered} {motion:?} {motions:?}")
+    }
+
+    /// The frame that the messages hold.
+    ///
+    /// # Errors
+    /// Damaged messages; a camera of images of another shape; no points in the image.
+    pub fn decode(&self, frames: &Frames) -> Result<DecodedFrame> {
+        let messages = [self.image.as_slice(), self.points.as_slice()];
+        frames.rig.decode(FrameTimes::from(&self.frame), messages)
+    }
+
+    /// The points of the frame alone: of the image, only the size is read.
+    ///
+    /// # Errors
+    /// As for [`Self::decode`].
+    pub fn decode_points(&self, frames: &Frames) -> Result<DecodedPoints> {
+        let size = size_of(frames.rig.topics.image.1, &self.image)?;
+        let times = FrameTimes::from(&self.frame);
+        frames.rig.points_in(times, &self.points, size, Vec::new())
+    }
+}
+
+/// When the image of a frame was taken, and its points were measured.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FrameTimes {
+    pub(super) image: Timestamp,
+    pub(super) points: Timestamp,
+}
+
+impl From<&SyncedFrame> for FrameTimes {
+    fn from(frame: &SyncedFrame) -> Self {
+        Self {
+            image: frame.stamp,
+            points: frame.points_stamp,
+        }
+    }
+}
+
+impl Rig {
     /// From the points of a frame to its camera.
-    fn motion(&self, frame: &SyncedFrame) -> Result<Rigid> {
-        let Some(route) = &self.route else {
-            return Ok(Rigid::IDENTITY);
-        };
-        let moved = self
-            .transforms
-            .between(route, [frame.points_stamp, frame.stamp]);
+    fn known_motion(&self, times: FrameTimes) -> Result<Rigid> {
+        let moved = self.motion(times.points, times.image);
         moved.map_err(|gap| Error::config(gap.to_string()))
+    }
+
+    /// The sweep of a cloud; none if its points count at its stamp, or have no times.
+    pub(super) fn sweep(&self, stamp: Timestamp, cloud: &PointCloud<'_>) -> Option<Sweep> {
+        Sweep::of(cloud, stamp, self.point_times.as_ref()?)
     }
 
     /// From the points of a cloud to the camera of its frame, each at its own time; none if that is not wanted, or they
     /// have no times.
-    fn motions(&self, frame: &SyncedFrame, cloud: &PointCloud<'_>) -> Option<PointMotions<'_>> {
+    fn motions(&self, times: FrameTimes, cloud: &PointCloud<'_>) -> Option<PointMotions<'_>> {
         let route = self.route.as_ref()?;
-        let sweep = Sweep::of(cloud, frame.points_stamp, self.point_times.as_ref()?)?;
-        Some(sweep.motions(&self.transforms, route, frame.stamp))
-    }
-
-    /// The camera of a frame, for images of the size that it was calibrated for.
-    fn camera(&self, frame: &SyncedFrame) -> Option<Camera> {
-        let given_camera = self.given_camera.clone();
-        given_camera.or_else(|| self.cameras.at(frame.stamp))
+        let sweep = self.sweep(times.points, cloud)?;
+        Some(sweep.motions(&self.transforms, route, times.image))
     }
 
     /// The pixels of an image of depths in the frame of its camera, and what is doubtful about that.
     fn in_space(
         &self,
-        frame: &SyncedFrame,
+        times: FrameTimes,
         depth: &DepthMap,
     ) -> Result<(Vec<[f64; 3]>, Vec<String>)> {
-        let camera = self.depth_cameras.at(frame.points_stamp);
+        let camera = self.depth_cameras.at(times.points);
         let camera =
             camera.ok_or_else(|| Error::config("the camera of the depths is not known"))?;
         let camera = camera.resized((depth.width(), depth.height()))?;
@@ -105,49 +151,31 @@ impl Frames {
         let positions = depth.points().filter_map(position).collect();
         Ok((
             positions,
-            Self::warnings(self.topics.depth_info.as_ref(), &camera),
+            camera_warnings(self.topics.depth_info.as_ref(), &camera),
         ))
     }
 
-    /// What is doubtful about a camera, after the name of its topic.
-    fn warnings(topic: Option<&String>, camera: &Camera) -> Vec<String> {
-        let labelled = |warning| match topic {
-            Some(topic) => format!("`{topic}`: {warning}"),
-            None => warning,
-        };
-        camera.warnings().into_iter().map(labelled).collect()
-    }
-}
-
-impl FrameMessages {
-    /// The camera before it is fitted to the image, and the motion from the points to it, as text.
-    pub fn projection(&self, frames: &Frames) -> String {
-        let Self { frame, points, .. } = self;
-        let camera = frames.camera(frame);
-        let depth_camera = frames.depth_cameras.at(frame.points_stamp);
-        let cloud = PointCloud::of(points).ok();
-        let motions = cloud.and_then(|cloud| Some(frames.motions(frame, &cloud)?.edges));
-        let motion = frames.motion(frame);
-        let registered = frames.registered;
-        format!("{camera:?} {depth_camera:?} {registered} {motion:?} {motions:?}")
-    }
-
-    /// The frame that the messages hold.
+    /// The frame that the messages of an image and its points hold.
     ///
     /// # Errors
-    /// Damaged messages; a camera of images of another shape; no points in the image.
-    pub fn decode(&self, frames: &Frames) -> Result<DecodedFrame> {
-        let (header, image, warning) = colours(frames.topics.image.1, &self.image)?;
+    /// As for [`FrameMessages::decode`].
+    pub(super) fn decode(
+        &self,
+        times: FrameTimes,
+        [image, points]: [&[u8]; 2],
+    ) -> Result<DecodedFrame> {
+        let (header, image, warning) = colours(self.topics.image.1, image)?;
         let size = (image.width() as usize, image.height() as usize);
-        let of_image = warning.map(|warning| named(Path::new(&frames.topics.image.0), &warning));
+        let of_image = warning.map(|warning| named(Path::new(&self.topics.image.0), &warning));
+        let warnings = of_image.into_iter().collect();
         let DecodedPoints {
             points,
             unplaced,
             skewed,
             camera,
-        } = self.points_in(frames, size, of_image.into_iter().collect())?;
+        } = self.points_in(times, points, size, warnings)?;
         let header = Header {
-            stamp: self.frame.stamp,
+            stamp: times.image,
             ..header
         };
         Ok(DecodedFrame {
@@ -160,44 +188,35 @@ impl FrameMessages {
         })
     }
 
-    /// The points of the frame alone: of the image, only the size is read.
-    ///
-    /// # Errors
-    /// As for [`Self::decode`].
-    pub fn decode_points(&self, frames: &Frames) -> Result<DecodedPoints> {
-        let size = size_of(frames.topics.image.1, &self.image)?;
-        self.points_in(frames, size, Vec::new())
-    }
-
-    /// The points in an image of this size, with these warnings and their own.
+    /// The points of a message in an image of this size, with these warnings and their own.
     fn points_in(
         &self,
-        frames: &Frames,
+        times: FrameTimes,
+        points: &[u8],
         size: (usize, usize),
         mut warnings: Vec<String>,
     ) -> Result<DecodedPoints> {
-        let Self { frame, points, .. } = self;
-        let camera = frames.camera(frame);
+        let camera = self.camera(times.image);
         let camera = camera.map(|camera| camera.resized(size)).transpose()?;
-        let motion = frames.motion(frame)?;
-        let placed = || match (&camera, &frames.given_camera) {
+        let motion = self.known_motion(times)?;
+        let placed = || match (&camera, &self.given_camera) {
             (Some(camera), Some(_)) => Ok(camera.clone()),
             (Some(camera), None) => Ok(camera.clone().moved(motion.matrix(), motion.translation())),
             (None, _) => Err(Error::config("the camera of the images is not known")),
         };
-        let name = Path::new(&frames.topics.points.0);
+        let name = Path::new(&self.topics.points.0);
         let (mut unplaced, mut skewed) = (0, false);
         if let Some(camera) = &camera {
-            let topic = frames.topics.camera_info.as_ref();
-            warnings.extend(Frames::warnings(
-                topic.filter(|_| frames.given_camera.is_none()),
+            let topic = self.topics.camera_info.as_ref();
+            warnings.extend(camera_warnings(
+                topic.filter(|_| self.given_camera.is_none()),
                 camera,
             ));
         }
-        let mut points = if frames.topics.points.1 == MessageType::PointCloud2 {
+        let mut points = if self.topics.points.1 == MessageType::PointCloud2 {
             let cloud = PointCloud::of(points)?;
-            let unit = frames.unit.unwrap_or(Unit::METRE);
-            let moved = frames.motions(frame, &cloud);
+            let unit = self.unit.unwrap_or(Unit::METRE);
+            let moved = self.motions(times, &cloud);
             let moved = moved.and_then(|motions| deskew(&cloud, &motions, unit.metres()));
             let mut found = if let (Some((positions, left_out)), Some(camera)) = (moved, &camera) {
                 unplaced = left_out;
@@ -206,27 +225,27 @@ impl FrameMessages {
                 let in_metres = |position: [f64; 3]| position.map(|v| v * unit.metres());
                 let positions = cloud.iter().map(in_metres);
                 let mut found = Sparse::of_cloud(name, positions, &placed()?, size)?;
-                skewed = frames.point_times.is_some();
+                skewed = self.point_times.is_some();
                 if skewed {
                     found.remarks.push(SKEWED.to_owned());
                 }
                 found
             };
             found.unit = unit;
-            if frames.unit.is_none() {
+            if self.unit.is_none() {
                 let depths = found.points.iter().map(|point| point.depth).collect();
                 warnings
                     .extend(implausible_unit(unit, depths).map(|warning| named(name, &warning)));
             }
             found
         } else {
-            let mut found = depths(frames.topics.points.1, points, frames.unit)?;
+            let mut found = depths(self.topics.points.1, points, self.unit)?;
             let remarks = std::mem::take(&mut found.remarks);
             warnings.extend(remarks.iter().map(|warning| named(name, warning)));
-            if frames.registered {
+            if self.registered {
                 Sparse::of_depths(name, found, size)?
             } else {
-                let (positions, doubted) = frames.in_space(frame, &found.depth)?;
+                let (positions, doubted) = self.in_space(times, &found.depth)?;
                 warnings.extend(doubted);
                 let seen = Sparse::of_cloud(name, positions, &placed()?, size)?;
                 Sparse {
@@ -244,6 +263,15 @@ impl FrameMessages {
             camera,
         })
     }
+}
+
+/// What is doubtful about a camera, after the name of its topic.
+fn camera_warnings(topic: Option<&String>, camera: &Camera) -> Vec<String> {
+    let labelled = |warning| match topic {
+        Some(topic) => format!("`{topic}`: {warning}"),
+        None => warning,
+    };
+    camera.warnings().into_iter().map(labelled).collect()
 }
 
 /// Where a cloud is without what others have.

@@ -3,53 +3,39 @@
 mod cameras;
 mod choice;
 mod decoded;
+mod live;
 mod options;
 mod poses;
+mod rig;
 mod stamps;
 mod sweep;
 
+pub use choice::FrameTopics;
 pub use decoded::{DecodedFrame, DecodedPoints, FrameMessages};
+pub use live::{LiveCounts, LiveFrame, LiveFrames, Receipt};
 pub use options::FrameOptions;
 pub use sweep::PointTimes;
 pub(crate) use sweep::timed;
 
 use crate::container::{MessageLocation, MessageTimes};
-use crate::message::{Header, MessageType, PointCloud, Timestamp, transforms};
+use crate::message::{Header, Timestamp};
 use crate::series::TimeSeries;
 use crate::transforms::{Route, TransformGap, Transforms};
 use crate::{Defects, Recording};
-use cameras::{CameraCollector, Cameras, registration_error};
-use choice::{Topics, is_rectified};
-use lsdc_files::error::{Error, Result};
-use lsdc_files::{Camera, Unit};
+use choice::is_rectified;
+use lsdc_files::error::Result;
+use rig::Rig;
 use std::time::Duration;
-use sweep::ClockDetector;
 
 /// The frames of a recording. As many images as there are messages are either found or dropped.
 pub struct Frames {
-    topics: Topics,
     /// In the order of the recording.
     pub found: Vec<SyncedFrame>,
     /// Images that cannot be used, in the order of the recording.
     pub dropped: Vec<DroppedFrame>,
     /// What was assumed or left out and should be checked, a sentence each.
     pub remarks: Vec<String>,
-    unit: Option<Unit>,
-    given_camera: Option<Camera>,
-    cameras: Cameras,
-    /// Of images of depths.
-    depth_cameras: Cameras,
-    /// Whether images of depths are of the pixels of the image.
-    registered: bool,
-    transforms: Transforms,
-    /// From the points to the camera, unless that is given.
-    route: Option<Route>,
-    /// The frame of reference of the images, and that of the points.
-    frame_ids: [String; 2],
-    /// The frame that motion is measured in, if it was given.
-    fixed: Option<String>,
-    /// The times of the points, if motion within a cloud is compensated.
-    point_times: Option<PointTimes>,
+    rig: Rig,
 }
 
 /// An image and the points nearest to it in time.
@@ -87,6 +73,12 @@ pub enum DropReason {
     OtherFrame(String),
     /// The message is damaged.
     Damaged(String),
+    /// On a running robot: no camera, or no transforms from the points to the camera, have come yet.
+    NotReady(String),
+    /// On a running robot: a newer image came before this one was used.
+    Superseded,
+    /// On a running robot: its clock was set back while the image waited.
+    ClockSetBack,
 }
 
 impl DropReason {
@@ -97,6 +89,9 @@ impl DropReason {
             Self::NoTransform(gap) => gap.kind(),
             Self::OtherFrame(_) => "of another frame of reference",
             Self::Damaged(_) => "damaged",
+            Self::NotReady(_) => "before camera and transforms are known",
+            Self::Superseded => "superseded by a newer image",
+            Self::ClockSetBack => "from before the clock was set back",
         }
     }
 }
@@ -114,7 +109,9 @@ impl std::fmt::Display for DropReason {
             }
             Self::NoTransform(gap) => write!(f, "{gap}"),
             Self::OtherFrame(frame) => write!(f, "it, or its points, are in the frame `{frame}`"),
-            Self::Damaged(what) => write!(f, "{what}"),
+            Self::Damaged(what) | Self::NotReady(what) => write!(f, "{what}"),
+            Self::Superseded => write!(f, "a newer image came before it was used"),
+            Self::ClockSetBack => write!(f, "the clock was set back while it waited"),
         }
     }
 }
@@ -175,14 +172,9 @@ impl Frames {
     /// Topics that are not there or are of another type; a camera or transforms that are missing; a recording that
     /// cannot be read.
     pub fn of(recording: &mut Recording, options: &FrameOptions) -> Result<Self> {
-        let topics = Topics::choose(recording, options)?;
+        let topics = FrameTopics::choose(recording, options)?;
+        let mut rig = Rig::new(topics.clone(), options, Transforms::default());
         let (mut images, mut points) = (TopicMessages::default(), TopicMessages::default());
-        let [mut cameras, mut depth_cameras] = [&topics.image.0, &topics.points.0]
-            .map(|topic| CameraCollector::new(is_rectified(topic)));
-        let mut tree = Transforms::default();
-        let mut unusable = 0;
-        let deskew = options.deskew && topics.points.1 == MessageType::PointCloud2;
-        let mut detector = ClockDetector::default();
         let defects =
             recording.visit(&|topic| topics.has(&topic.name), &mut |topic, message| {
                 let name = topic.name.as_str();
@@ -191,82 +183,63 @@ impl Frames {
                 }
                 if name == topics.points.0 {
                     points.add(message);
-                    if let (true, Some((stamp, _))) = (deskew, points.found.last()) {
-                        // What is damaged is said where it is needed.
-                        let _ =
-                            PointCloud::of(message.data).map(|cloud| detector.add(&cloud, *stamp));
+                    if let Some((stamp, _)) = points.found.last() {
+                        rig.add_times(message.data, *stamp);
                     }
                 }
-                if topics.camera_info.as_deref() == Some(name) {
-                    cameras.add(message.data);
-                }
-                if topics.depth_info.as_deref() == Some(name) {
-                    depth_cameras.add(message.data);
-                }
-                if topics.tf.iter().any(|tf| tf == name) {
-                    match transforms(message.data) {
-                        Ok((found, damaged)) => {
-                            unusable += damaged;
-                            let is_static = name.ends_with("static");
-                            for found in found {
-                                tree.add(found, is_static);
-                            }
-                        }
-                        Err(_) => unusable += 1,
-                    }
-                }
+                rig.add(name, message.data);
                 Ok(())
             })?;
-        tree.sort();
         let unusable = [
             (
-                cameras.unusable + depth_cameras.unusable,
+                rig.cameras.unusable + rig.depth_cameras.unusable,
                 "messages of cameras cannot be used and are left out",
             ),
-            (unusable, "transforms are damaged and left out"),
+            (
+                rig.unusable_transforms,
+                "transforms are damaged and left out",
+            ),
         ];
-        let first_error = cameras
-            .first_error
-            .take()
-            .or(depth_cameras.first_error.take());
+        let mut remarks = remarks(&defects, [&images, &points], &unusable, &rig.transforms);
+        rig.frames = images
+            .frame
+            .clone()
+            .zip(points.frame.clone())
+            .map(Into::into);
+        let stamp = images.found.first().map_or(0, |(stamp, _)| *stamp);
+        remarks.extend(rig.settle(stamp)?);
         let mut frames = Self {
             found: Vec::new(),
             dropped: std::mem::take(&mut images.damaged),
-            remarks: remarks(&defects, [&images, &points], &unusable, &tree),
-            unit: options.unit,
-            given_camera: options.camera.clone(),
-            cameras: cameras.cameras(),
-            depth_cameras: depth_cameras.cameras(),
-            registered: false,
-            transforms: tree,
-            route: None,
-            frame_ids: [&images, &points].map(|found| found.frame.clone().unwrap_or_default()),
-            fixed: options.fixed.clone(),
-            point_times: None,
-            topics,
+            remarks,
+            rig,
         };
-        frames.register_cameras([&images, &points]);
-        frames.route = frames.find_route([&images, &points], options, first_error)?;
-        frames.deskew(detector);
         frames.pair(images, points, options.tolerance);
         Ok(frames)
     }
 
+    /// The topics that the frames are made of.
+    pub fn topics(&self) -> &FrameTopics {
+        &self.rig.topics
+    }
+
     /// The times of the points, if motion within a cloud is compensated.
     pub fn point_times(&self) -> Option<&PointTimes> {
-        self.point_times.as_ref()
+        self.rig.point_times.as_ref()
     }
 
     /// The camera of the images, and what of it holds: of unrectified images K and D, of rectified ones P. Nothing if no
     /// topic has one.
     pub fn seen_by(&self) -> Option<String> {
-        let Topics {
+        let FrameTopics {
             image, camera_info, ..
-        } = &self.topics;
-        if self.given_camera.is_some() {
+        } = &self.rig.topics;
+        if self.rig.given_camera.is_some() {
             return Some("given, in the frame of the points".to_owned());
         }
-        let topic = camera_info.as_ref().filter(|_| !self.cameras.is_empty())?;
+        let topic = camera_info
+            .as_ref()
+            .filter(|_| !self.rig.cameras.is_empty())?;
         Some(if is_rectified(&image.0) {
             format!(
                 "P of {topic}: the images are taken for rectified, as {} says `image_rect`",
@@ -282,118 +255,7 @@ impl Frames {
 
     /// Whether points are clouds, all of one time unless they are deskewed.
     pub fn has_clouds(&self) -> bool {
-        self.topics.points.1 == MessageType::PointCloud2
-    }
-
-    /// Places cameras in their frames, decides whether depths are registered to the image, and adds remarks about both.
-    fn register_cameras(&mut self, [images, points]: [&TopicMessages; 2]) {
-        let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
-            return;
-        };
-        let stamp = images.found.first().map_or(0, |(stamp, _)| *stamp);
-        let topics = &self.topics;
-        for (cameras, topic, frame) in [
-            (&mut self.cameras, &topics.camera_info, image),
-            (&mut self.depth_cameras, &topics.depth_info, cloud),
-        ] {
-            let Some(topic) = topic else {
-                continue;
-            };
-            self.remarks
-                .extend(cameras.apply_baseline(topic, frame, stamp, &self.transforms));
-            if let Some(own) = cameras.frame.as_ref().filter(|own| *own != frame) {
-                self.remarks.push(format!(
-                    "`{topic}` is in the frame `{own}`, but its images are in `{frame}`, which is used"
-                ));
-            }
-        }
-        let same = image == cloud && self.given_camera.is_none();
-        if same && image.is_empty() {
-            self.remarks.push(
-                "the messages name no frame of reference: the points are taken to be in that of the camera".to_owned(),
-            );
-        }
-        if self.has_clouds() || !same && self.given_camera.is_none() {
-            return;
-        }
-        let why = if self.given_camera.is_some() {
-            "the camera is given".to_owned()
-        } else {
-            format!("both are in the frame `{image}`")
-        };
-        let camera = self.given_camera.clone().or_else(|| self.cameras.at(stamp));
-        let remark = match (camera, self.depth_cameras.at(stamp)) {
-            (Some(camera), Some(depths)) => {
-                let pixels = registration_error(&depths, &camera);
-                self.registered = pixels <= MAX_REGISTRATION_ERROR;
-                (!self.registered).then(|| {
-                    format!(
-                        "the cameras of depths ({depths}) and images ({camera}) differ by up to {pixels:.1} pixels, though {why}: the \
-                         depths are not taken for registered to the image, but projected by both cameras"
-                    )
-                })
-            }
-            (camera, _) => {
-                self.registered = true;
-                let whose = match camera {
-                    Some(_) => "of the depths",
-                    None => "of the images",
-                };
-                Some(format!(
-                    "the depths are taken for registered to the pixels of the image, as {why}: the recording has no camera {whose} \
-                     to check it"
-                ))
-            }
-        };
-        self.remarks.extend(remark);
-    }
-
-    /// Enables motion compensation within clouds, or adds a remark why it is not possible though points have times.
-    fn deskew(&mut self, detector: ClockDetector) {
-        let route = self.route.as_ref();
-        let moves = route.is_some_and(|route| self.transforms.is_dynamic(route));
-        let why = match detector.found() {
-            Ok(Some(found)) if moves => {
-                self.point_times = Some(found);
-                return;
-            }
-            Ok(None) => return,
-            Ok(Some(PointTimes { field, .. })) => format!(
-                "the points have times of their own (`{field}`), but no transforms that move lead from them to the camera"
-            ),
-            Err((field, clouds)) => format!(
-                "most of the first {clouds} clouds have no times of their points in `{field}`: these are all the same, or far from \
-                 the stamp of the cloud"
-            ),
-        };
-        let remark = format!("{why}; all count at the stamp of their cloud");
-        self.remarks.push(remark);
-    }
-
-    /// The route from the points to the camera, unless the camera is given or its own depths are the points.
-    /// `first_error` is what is wrong with the first camera that is none.
-    fn find_route(
-        &self,
-        [images, points]: [&TopicMessages; 2],
-        options: &FrameOptions,
-        first_error: Option<Error>,
-    ) -> Result<Option<Route>> {
-        let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
-            return Ok(None);
-        };
-        // What was in one frame stays there, whatever time has passed.
-        if self.given_camera.is_some() || !self.has_clouds() && image == cloud {
-            return Ok(None);
-        }
-        self.topics
-            .check_cameras(self.cameras.is_empty(), self.depth_cameras.is_empty())
-            .map_err(|missing| match (first_error, missing.advice()) {
-                (Some(first_error), Some(hint)) => first_error.hint(hint),
-                _ => missing,
-            })?;
-        self.transforms
-            .route(cloud, image, options.fixed.as_deref())
-            .map(Some)
+        self.rig.has_clouds()
     }
 
     /// Gives each image the points that are nearest in time.
@@ -423,10 +285,7 @@ impl Frames {
         if let Some(frame) = image.other_frame.as_ref().or(cloud.other_frame.as_ref()) {
             return Err(DropReason::OtherFrame(frame.clone()));
         }
-        if let Some(route) = &self.route {
-            let moved = self.transforms.between(route, [*time, stamp]);
-            moved.map_err(DropReason::NoTransform)?;
-        }
+        self.rig.motion(*time, stamp)?;
         Ok(SyncedFrame {
             stamp,
             location: image.location,
@@ -438,19 +297,16 @@ impl Frames {
 
     /// What the frames are made of, as text: two recordings of which it is the same give the same frames.
     pub fn about(&self) -> String {
-        let Topics {
+        let FrameTopics {
             image,
             points,
             camera_info,
             tf,
             ..
-        } = &self.topics;
+        } = &self.rig.topics;
         let camera = camera_info.as_deref().unwrap_or("none");
-        let fixed = self.route.as_ref().map_or("none", Route::fixed);
-        let times = self
-            .point_times
-            .as_ref()
-            .map_or("none", |found| &found.field);
+        let fixed = self.rig.route.as_ref().map_or("none", Route::fixed);
+        let times = self.point_times().map_or("none", |found| &found.field);
         format!(
             "{} with {}, camera {camera}, transforms {}, motion in {fixed}, times {times}",
             image.0,
@@ -459,9 +315,6 @@ impl Frames {
         )
     }
 }
-
-/// Depths are registered if both cameras see the same points at most so many pixels apart.
-const MAX_REGISTRATION_ERROR: f64 = 1.0;
 
 /// What should be said of a recording.
 fn remarks(

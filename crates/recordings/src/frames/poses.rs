@@ -12,21 +12,23 @@ impl Frames {
     /// # Errors
     /// Transforms that lead from no such frame, or that do not move: then it is not known where the camera was.
     pub fn camera_route(&self) -> Result<Route> {
-        let [image, points] = &self.frame_ids;
-        let own = if self.given_camera.is_some() {
+        let rig = &self.rig;
+        let frames = rig.frames.clone().unwrap_or_default();
+        let [image, points] = &frames;
+        let own = if rig.given_camera.is_some() {
             points
         } else {
             image
         };
-        let fixed = match &self.route {
+        let fixed = match &rig.route {
             Some(route) => route.fixed().to_owned(),
             None => {
-                let route = self.transforms.route(own, own, self.fixed.as_deref())?;
+                let route = rig.transforms.route(own, own, rig.fixed.as_deref())?;
                 route.fixed().to_owned()
             }
         };
-        let route = self.transforms.route(&fixed, own, Some(&fixed))?;
-        if self.transforms.is_dynamic(&route) {
+        let route = rig.transforms.route(&fixed, own, Some(&fixed))?;
+        if rig.transforms.is_dynamic(&route) {
             return Ok(route);
         }
         let what = format!("no transforms that move lead from `{fixed}` to `{own}`");
@@ -44,6 +46,6 @@ impl Frames {
         route: &Route,
         frame: &SyncedFrame,
     ) -> std::result::Result<Rigid, TransformGap> {
-        self.transforms.between(route, [frame.stamp; 2])
+        self.rig.transforms.between(route, [frame.stamp; 2])
     }
 }

@@ -15,12 +15,15 @@ impl Frames {
         (points, camera): (&Observations, &Camera),
         nanoseconds: i64,
     ) -> Option<Observations> {
-        let route = self.route.as_ref()?;
-        if !self.transforms.is_dynamic(route) {
+        let route = self.rig.route.as_ref()?;
+        if !self.rig.transforms.is_dynamic(route) {
             return None;
         }
         let at = |stamp| {
-            let moved = self.transforms.between(route, [frame.points_stamp, stamp]);
+            let moved = self
+                .rig
+                .transforms
+                .between(route, [frame.points_stamp, stamp]);
             moved.ok()
         };
         let later = frame.stamp.checked_add(nanoseconds)?;

@@ -60,7 +60,7 @@ impl Clock {
 }
 
 /// Detects the clock of point times: tries every clock on the clouds at the beginning of a recording.
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct ClockDetector {
     /// The time field of the first cloud that has one, and its type.
     field: Option<(String, u8)>,
@@ -73,6 +73,11 @@ pub(super) struct ClockDetector {
 impl ClockDetector {
     /// The first clouds of a recording may be parts of a turn, and simulated time begins at 0.
     const CLOUDS: usize = 50;
+
+    /// Whether there are enough clouds.
+    pub(super) fn is_done(&self) -> bool {
+        self.clouds == Self::CLOUDS
+    }
 
     /// Adds a cloud, unless there are enough.
     pub(super) fn add(&mut self, points: &PointCloud<'_>, stamp: Timestamp) {
@@ -107,8 +112,8 @@ impl ClockDetector {
     ///
     /// # Errors
     /// There are times, but of no clock: the name of the field, and how many clouds were tried.
-    pub(super) fn found(self) -> Result<Option<PointTimes>, (String, usize)> {
-        let Some((field, kind)) = self.field else {
+    pub(super) fn found(&self) -> Result<Option<PointTimes>, (String, usize)> {
+        let Some((field, kind)) = self.field.clone() else {
             return Ok(None);
         };
         let enough = |at: &usize| 2 * self.fits[*at].0 >= self.clouds;
@@ -174,6 +179,11 @@ impl Sweep {
             clock: *clock,
             ends,
         })
+    }
+
+    /// When its last point was measured.
+    pub(super) fn end(self) -> Timestamp {
+        self.stamp.saturating_add(self.ends[1])
     }
 
     /// The motions of its points to the pose of the camera at the time `seen`.

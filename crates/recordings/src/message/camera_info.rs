@@ -1,9 +1,10 @@
 //! `sensor_msgs/msg/CameraInfo`: the camera of an image.
 
 use super::{Header, MessageType, read_message};
-use crate::cdr::{CdrReader, damaged};
+use crate::cdr::{CdrReader, CdrWriter, damaged};
 use lsdc_files::error::Result;
 use lsdc_files::{Camera, CameraInfo};
+use std::sync::Arc;
 
 /// The camera of a message, with its header.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,6 +15,8 @@ pub(crate) struct StampedCamera {
     /// Where the camera may be in its frame, along x and y in metres: the second of a stereo pair, whose images are
     /// rectified, is not at the origin.
     pub(crate) baseline: [f64; 2],
+    /// As it was sent.
+    pub(crate) message: Arc<[u8]>,
 }
 
 /// The camera that a message describes: of the image before it was rectified, or after.
@@ -33,6 +36,7 @@ pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<StampedCamera
             header,
             camera: camera.map_err(damaged)?,
             baseline: if rectified { info.baseline() } else { [0.0; 2] },
+            message: message.into(),
         })
     })
 }
@@ -58,4 +62,73 @@ fn read_info(reader: &mut CdrReader<'_>) -> Result<CameraInfo> {
         window: [x, y, columns, rows],
         binning,
     })
+}
+
+/// The same message with another header.
+///
+/// # Errors
+/// A damaged message.
+pub(crate) fn restamped_camera_info(message: &[u8], header: &Header) -> Result<Vec<u8>> {
+    read_message(MessageType::CameraInfo, message, |reader| {
+        Header::read(reader)?;
+        let mut writer = CdrWriter::with_capacity(message.len() + header.frame.len());
+        header.write(&mut writer);
+        for _ in 0..2 {
+            writer.u32(reader.u32()?);
+        }
+        writer.string(&reader.string()?);
+        let count = reader.length(8)?;
+        writer.u32(count as u32);
+        // D, then K, R and P.
+        for _ in 0..count + 9 + 9 + 12 {
+            writer.f64(reader.f64()?);
+        }
+        // The binning and the window of the sensor.
+        for _ in 0..6 {
+            writer.u32(reader.u32()?);
+        }
+        writer.u8(reader.u8()?);
+        Ok(writer.finish())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_header_changes_nothing_else() {
+        let mut writer = CdrWriter::with_capacity(0);
+        let header = |frame: &str| Header {
+            stamp: 7,
+            frame: frame.to_owned(),
+        };
+        header("a").write(&mut writer);
+        writer.u32(480);
+        writer.u32(640);
+        writer.string("plumb_bob");
+        writer.u32(5);
+        (0..5).for_each(|i| writer.f64(f64::from(i) / 100.0));
+        for row in [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]] {
+            row.into_iter().for_each(|v| writer.f64(v));
+        }
+        (0..21).for_each(|i| writer.f64(f64::from(i)));
+        [0, 0, 0, 0, 480, 640]
+            .into_iter()
+            .for_each(|v| writer.u32(v));
+        writer.u8(1);
+        let message = writer.finish();
+        let longer = restamped_camera_info(&message, &header("camera_optical_frame")).unwrap();
+        let (before, after) = (
+            camera_of(&message, false).unwrap(),
+            camera_of(&longer, false).unwrap(),
+        );
+        assert_eq!(before.camera, after.camera);
+        assert_eq!(after.header, header("camera_optical_frame"));
+        assert_eq!(
+            restamped_camera_info(&longer, &header("a")).unwrap(),
+            message
+        );
+        assert!(restamped_camera_info(&message[..message.len() - 1], &header("a")).is_err());
+    }
 }

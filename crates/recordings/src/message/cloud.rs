@@ -206,28 +206,42 @@ impl Field {
 
 /// A message of points with colours: x, y, z and the packed `rgb` that RViz shows.
 pub fn write_cloud(header: &Header, points: &[ColoredPoint]) -> Vec<u8> {
-    const STEP: usize = 16;
-    let mut writer = CdrWriter::with_capacity(256 + points.len() * STEP);
+    let rows = points.iter().map(|point| {
+        let ([x, y, z], [r, g, b]) = (point.position, point.color);
+        [
+            x as f32,
+            y as f32,
+            z as f32,
+            f32::from_le_bytes([b, g, r, 0]),
+        ]
+    });
+    write_points(header, ["x", "y", "z", "rgb"], rows)
+}
+
+/// A message of points with these fields, of 32-bit floating-point numbers: a row for each point.
+pub fn write_points<const FIELDS: usize>(
+    header: &Header,
+    fields: [&str; FIELDS],
+    points: impl ExactSizeIterator<Item = [f32; FIELDS]>,
+) -> Vec<u8> {
+    let (count, step) = (points.len(), 4 * FIELDS);
+    let mut writer = CdrWriter::with_capacity(256 + count * step);
     header.write(&mut writer);
     writer.u32(1);
-    writer.u32(points.len() as u32);
-    writer.u32(4);
-    for (number, name) in ["x", "y", "z", "rgb"].into_iter().enumerate() {
+    writer.u32(count as u32);
+    writer.u32(FIELDS as u32);
+    for (number, name) in fields.into_iter().enumerate() {
         writer.string(name);
         writer.u32(4 * number as u32);
         writer.u8(FLOAT32);
         writer.u32(1);
     }
     writer.u8(0);
-    writer.u32(STEP as u32);
-    writer.u32((STEP * points.len()) as u32);
-    let mut data = Vec::with_capacity(STEP * points.len());
+    writer.u32(step as u32);
+    writer.u32((step * count) as u32);
+    let mut data = Vec::with_capacity(step * count);
     for point in points {
-        for value in point.position {
-            data.extend((value as f32).to_le_bytes());
-        }
-        let [r, g, b] = point.color;
-        data.extend([b, g, r, 0]);
+        data.extend(point.into_iter().flat_map(f32::to_le_bytes));
     }
     writer.bytes(data.into_iter());
     writer.u8(1);

@@ -3,15 +3,17 @@
 mod bayer;
 mod camera_info;
 mod cloud;
+mod diagnostics;
 mod image;
 mod raw;
 mod rvl;
 mod transform;
 mod yuv;
 
-pub(crate) use camera_info::{StampedCamera, camera_of};
+pub(crate) use camera_info::{StampedCamera, camera_of, restamped_camera_info};
 pub(crate) use cloud::PointCloud;
-pub use cloud::write_cloud;
+pub use cloud::{write_cloud, write_points};
+pub use diagnostics::{DIAGNOSTIC_ARRAY, DiagnosticLevel, DiagnosticStatus, write_diagnostics};
 pub use image::write_depth;
 pub(crate) use image::{colours, compressed_depths, depths, size_of};
 pub use transform::TransformStamped;

@@ -3,6 +3,7 @@
 mod containers;
 mod damaged;
 mod drive;
+mod live;
 mod remarks;
 mod turn;
 mod types;

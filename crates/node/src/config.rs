@@ -1,0 +1,139 @@
+//! Topics and settings of the node.
+
+use lsdc_files::CloudOptions;
+use lsdc_recordings::{FrameOptions, FrameTopics, MessageType};
+use std::time::Duration;
+
+/// Topics and settings of a node.
+#[derive(Clone, Debug)]
+pub struct NodeConfig {
+    /// The name of the node, without a slash: results are published below it.
+    pub name: String,
+    /// What is subscribed to.
+    pub topics: FrameTopics,
+    /// How points are matched to images. Names of topics in it are not used.
+    pub frames: FrameOptions,
+    /// How long an image waits for points and transforms after its receipt.
+    pub patience: Duration,
+    /// How long image and points may take from the moment that both are there until the depth is published; quality is lowered
+    /// to keep to it.
+    pub max_latency: Option<Duration>,
+    /// The topic of the depth; else `~/depth/image`.
+    pub depth: Option<String>,
+    /// Whether the depth is published in whole millimetres (16UC1), not in metres (32FC1).
+    pub millimetres: bool,
+    /// Whether standard deviations are published, as `~/standard_deviation/image`.
+    pub standard_deviation: bool,
+    /// Whether points that disagree with the others are published, as `~/outliers`.
+    pub outliers: bool,
+    /// Whether the depth is published as a cloud, too, as `~/points`.
+    pub cloud: Option<CloudOptions>,
+}
+
+impl NodeConfig {
+    /// The usual settings for these topics.
+    pub fn new(topics: FrameTopics) -> Self {
+        Self {
+            name: "lsdc".to_owned(),
+            topics,
+            frames: FrameOptions::default(),
+            // A turn of a scanner at 10 Hz, of which the cloud comes at the end, twice.
+            patience: Duration::from_millis(200),
+            max_latency: None,
+            depth: None,
+            millimetres: false,
+            standard_deviation: false,
+            outliers: false,
+            cloud: None,
+        }
+    }
+}
+
+/// The topics of images and points, by the conventions of ROS.
+///
+/// The type of messages is guessed by names: `/compressed` and `/compressedDepth` end the topics of compressed images, those of
+/// depth images contain `depth` or `image`. The camera is `camera_info` beside the images; transforms are `/tf` and
+/// `/tf_static`.
+///
+/// ```
+/// use lsdc_node::conventional_topics;
+/// use lsdc_recordings::MessageType;
+///
+/// let topics = conventional_topics("/camera/image_raw/compressed", "/lidar/points");
+/// assert_eq!(topics.image.1, MessageType::CompressedImage);
+/// assert_eq!(topics.points.1, MessageType::PointCloud2);
+/// assert_eq!(topics.camera_info.as_deref(), Some("/camera/camera_info"));
+/// ```
+pub fn conventional_topics(image: &str, points: &str) -> FrameTopics {
+    let kind = |topic: &str, usual| {
+        if transported(topic) == topic {
+            usual
+        } else {
+            MessageType::CompressedImage
+        }
+    };
+    let is_depth = ["depth", "image"].iter().any(|part| {
+        let points = transported(points).rsplit('/').take(2);
+        points.into_iter().any(|name| name.contains(part))
+    }) && !points.ends_with("/points");
+    let usual_points = if is_depth {
+        MessageType::Image
+    } else {
+        MessageType::PointCloud2
+    };
+    let points_kind = kind(points, usual_points);
+    FrameTopics {
+        image: (image.to_owned(), kind(image, MessageType::Image)),
+        points: (points.to_owned(), points_kind),
+        camera_info: Some(camera_info_beside(image)),
+        depth_info: (points_kind != MessageType::PointCloud2).then(|| camera_info_beside(points)),
+        tf: vec!["/tf".to_owned(), "/tf_static".to_owned()],
+    }
+}
+
+/// The topic of the camera of images: `camera_info` in the same place, as `image_transport` has it.
+pub fn camera_info_beside(image: &str) -> String {
+    let above = transported(image).rsplit_once('/');
+    format!("{}/camera_info", above.map_or("", |(above, _)| above))
+}
+
+/// The topic that a transport of images belongs to.
+fn transported(topic: &str) -> &str {
+    let ends = ["/compressed", "/compressedDepth"];
+    let found = ends.iter().find_map(|end| topic.strip_suffix(end));
+    found.unwrap_or(topic)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lsdc_recordings::MessageType::{CompressedImage, Image, PointCloud2};
+
+    #[test]
+    fn types_follow_from_names() {
+        for (points, kind, info) in [
+            ("/lidar/points", PointCloud2, None),
+            ("/velodyne_points", PointCloud2, None),
+            ("/camera/depth/points", PointCloud2, None),
+            (
+                "/camera/depth/image_rect_raw",
+                Image,
+                Some("/camera/depth/camera_info"),
+            ),
+            ("/depth_registered", Image, Some("/camera_info")),
+            (
+                "/camera/depth/image_raw/compressedDepth",
+                CompressedImage,
+                Some("/camera/depth/camera_info"),
+            ),
+        ] {
+            let topics = conventional_topics("/camera/color/image_raw", points);
+            assert_eq!(topics.points.1, kind, "{points}");
+            assert_eq!(topics.depth_info.as_deref(), info);
+            assert_eq!(
+                topics.camera_info.as_deref(),
+                Some("/camera/color/camera_info")
+            );
+        }
+    }
+}

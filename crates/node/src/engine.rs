@@ -1,0 +1,208 @@
+//! One frame: decoded, seen by the network, fitted, and written as messages.
+
+use crate::config::NodeConfig;
+use crate::quality::{Level, thinned};
+use lsdc_core::{Channels, Completer, Completion, Image, Observation, Observations, Scene};
+use lsdc_files::error::Result;
+use lsdc_files::{Camera, ColoredCloud, MOST_TESTED};
+use lsdc_recordings::{DecodedFrame, LiveFrame, Rigid, write_cloud, write_depth, write_points};
+use std::time::Duration;
+
+/// What is published of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Output {
+    Depth,
+    CameraInfo,
+    StandardDeviation,
+    Outliers,
+    Cloud,
+}
+
+/// Completes frames.
+pub(crate) struct Engine {
+    full: Completer,
+    small: Option<Completer>,
+    millimetres: bool,
+    standard_deviation: bool,
+    outliers: bool,
+    cloud: Option<lsdc_files::CloudOptions>,
+}
+
+/// A frame whose image the network has seen.
+pub(crate) struct Prepared {
+    frame: DecodedFrame,
+    camera_info: Option<Vec<u8>>,
+    scene: Scene,
+    points: Observations,
+    pub(crate) level: Level,
+    /// When the image was received, and when it and its points were there.
+    pub(crate) times: FrameMoments,
+}
+
+/// When the image of a frame was received, and when it and its points were there.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FrameMoments {
+    pub(crate) received: Duration,
+    pub(crate) ready: Duration,
+}
+
+/// A completed frame as messages, and what diagnostics say about it.
+pub(crate) struct Completed {
+    pub(crate) messages: Vec<(Output, Vec<u8>)>,
+    pub(crate) facts: Facts,
+    pub(crate) level: Level,
+    pub(crate) times: FrameMoments,
+}
+
+/// The numbers of a completed frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Facts {
+    /// Points that were given, after those that are left out by their quality.
+    pub(crate) given: usize,
+    pub(crate) used: usize,
+    /// Points that quality left out.
+    pub(crate) thinned: usize,
+    /// Points whose time is unknown, or that transforms do not reach.
+    pub(crate) unplaced: usize,
+    /// Root mean square of the residuals, in metres.
+    pub(crate) residual: f64,
+    /// Points that disagree with the others, if they were looked for.
+    pub(crate) outliers: Option<usize>,
+    /// Pixels beyond what whole millimetres hold.
+    pub(crate) beyond: usize,
+    /// What is doubtful about the frame.
+    pub(crate) remarks: Vec<String>,
+}
+
+impl Engine {
+    pub(crate) fn new(config: &NodeConfig, full: Completer, small: Option<Completer>) -> Self {
+        Self {
+            full,
+            small,
+            millimetres: config.millimetres,
+            standard_deviation: config.standard_deviation,
+            outliers: config.outliers,
+            cloud: config.cloud,
+        }
+    }
+
+    pub(crate) fn has_small_weights(&self) -> bool {
+        self.small.is_some()
+    }
+
+    /// The part that depends on the image alone.
+    pub(crate) fn prepare(
+        &self,
+        frame: &LiveFrame,
+        level: Level,
+        times: FrameMoments,
+    ) -> Result<Prepared> {
+        let camera_info = frame.camera_info();
+        let frame = frame.decode()?;
+        let small = self.small.as_ref().filter(|_| level == Level::SmallWeights);
+        let completer = small.unwrap_or(&self.full);
+        let (width, height) = size(&frame);
+        let image = Image::new(width, height, Channels::Rgb, frame.image.as_raw())?;
+        let scene = completer.scene(&image)?;
+        let all = &frame.points.points;
+        let fewer = thinned(all.as_slice(), level.most_points());
+        let points = fewer.map_or_else(|| all.clone(), Observations::from_iter);
+        Ok(Prepared {
+            frame,
+            camera_info,
+            scene,
+            points,
+            level,
+            times,
+        })
+    }
+
+    /// The fit, and the messages of its results.
+    pub(crate) fn complete(&self, prepared: Prepared) -> Result<Completed> {
+        let Prepared {
+            frame,
+            camera_info,
+            scene,
+            points,
+            level,
+            times,
+        } = prepared;
+        let completion = scene.complete_once(&points)?;
+        let depth = completion.depth()?;
+        let header = &frame.header;
+        let mut messages = Vec::new();
+        let (message, beyond) = write_depth(header, &depth, self.millimetres);
+        messages.push((Output::Depth, message));
+        messages.extend(camera_info.map(|message| (Output::CameraInfo, message)));
+        let deviations = self
+            .standard_deviation
+            .then(|| completion.standard_deviation());
+        let deviations = deviations.transpose()?;
+        if let Some(deviations) = &deviations {
+            let (message, _) = write_depth(header, deviations, false);
+            messages.push((Output::StandardDeviation, message));
+        }
+        // Depths are where the image is: a camera that was given is at its place among the points.
+        let camera = frame.camera.as_ref().map(|camera| {
+            let origin = Rigid::IDENTITY;
+            camera
+                .clone()
+                .with_pose(origin.matrix(), origin.translation())
+        });
+        let mut outliers = None;
+        if self.outliers
+            && points.len() <= MOST_TESTED
+            && let Some(camera) = &camera
+        {
+            let rows = outlier_rows(&completion, points.as_slice(), camera)?;
+            outliers = Some(rows.len());
+            let fields = ["x", "y", "z", "error", "probability"];
+            messages.push((
+                Output::Outliers,
+                write_points(header, fields, rows.into_iter()),
+            ));
+        }
+        if let (Some(options), Some(camera)) = (&self.cloud, &camera) {
+            let cloud =
+                ColoredCloud::new(&depth, deviations.as_ref(), &frame.image, camera, options);
+            messages.push((Output::Cloud, write_cloud(header, &cloud.points)));
+        }
+        let report = completion.report();
+        let facts = Facts {
+            given: report.given,
+            used: report.used,
+            thinned: frame.points.points.len() - points.len(),
+            unplaced: frame.unplaced,
+            residual: report.residual,
+            outliers,
+            beyond,
+            remarks: frame.points.remarks,
+        };
+        Ok(Completed {
+            messages,
+            facts,
+            level,
+            times,
+        })
+    }
+}
+
+fn size(frame: &DecodedFrame) -> (usize, usize) {
+    (frame.image.width() as usize, frame.image.height() as usize)
+}
+
+/// The outliers in space, with the distance from the depth that the other points predict, in metres, and their probability.
+fn outlier_rows(
+    completion: &Completion,
+    points: &[Observation],
+    camera: &Camera,
+) -> Result<Vec<[f32; 5]>> {
+    let found = completion.outliers()?;
+    let row = |outlier: &lsdc_core::Outlier| {
+        let point = points.get(outlier.index)?;
+        let position = camera.unproject([point.u, point.v], f64::from(point.depth))?;
+        let [x, y, z] = position.map(|v| v as f32);
+        Some([x, y, z, outlier.error as f32, outlier.probability as f32])
+    };
+    Ok(found.iter().filter_map(row).collect())
+}

@@ -1,0 +1,90 @@
+//! `diagnostic_msgs/msg/DiagnosticArray`: how parts of a robot are, for `rqt_robot_monitor` and the like.
+
+use super::{Header, Timestamp};
+use crate::cdr::CdrWriter;
+
+/// The type of these messages.
+pub const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
+
+/// How a part is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum DiagnosticLevel {
+    /// As it should be.
+    Ok = 0,
+    /// It works, but not as well as it should.
+    Warn = 1,
+    /// It does not work.
+    Error = 2,
+    /// Nothing was heard for a while.
+    Stale = 3,
+}
+
+/// The state of a part.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DiagnosticStatus {
+    /// How it is.
+    pub level: DiagnosticLevel,
+    /// The part.
+    pub name: String,
+    /// What is the matter, in a line.
+    pub message: String,
+    /// The device.
+    pub hardware_id: String,
+    /// Names and their values.
+    pub values: Vec<(String, String)>,
+}
+
+/// A message of the states of parts at a time.
+pub fn write_diagnostics(stamp: Timestamp, parts: &[DiagnosticStatus]) -> Vec<u8> {
+    let mut writer = CdrWriter::with_capacity(1024);
+    let header = Header {
+        stamp,
+        frame: String::new(),
+    };
+    header.write(&mut writer);
+    writer.u32(parts.len() as u32);
+    for part in parts {
+        writer.u8(part.level as u8);
+        for text in [&part.name, &part.message, &part.hardware_id] {
+            writer.string(text);
+        }
+        writer.u32(part.values.len() as u32);
+        for (name, value) in &part.values {
+            writer.string(name);
+            writer.string(value);
+        }
+    }
+    writer.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As `rosbags` 0.11 serialises it.
+    #[test]
+    fn the_message_is_that_of_ros() {
+        const EXPECTED: &str = "000100000700000005000000010000000000000002000000010000000c0000006c7364633a20646570746800\
+            050000006c61746500000000050000006c736463000000000200000007000000696d6167657300000300000031320000080000007175616c\
+            697479000500000066756c6c0000000002000000620000000100000000000000010000000000000000000000";
+        let part = |level, name: &str, message: &str, hardware: &str| DiagnosticStatus {
+            level,
+            name: name.to_owned(),
+            message: message.to_owned(),
+            hardware_id: hardware.to_owned(),
+            values: Vec::new(),
+        };
+        let text = |(name, value): (&str, &str)| (name.to_owned(), value.to_owned());
+        let parts = [
+            DiagnosticStatus {
+                values: [("images", "12"), ("quality", "full")].map(text).into(),
+                ..part(DiagnosticLevel::Warn, "lsdc: depth", "late", "lsdc")
+            },
+            part(DiagnosticLevel::Ok, "b", "", ""),
+        ];
+        let message = write_diagnostics(7_000_000_005, &parts);
+        let hex: String = message.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(hex, EXPECTED);
+    }
+}
