@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    net::SocketAddrV4,
+    net::{Ipv4Addr, SocketAddrV4},
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -51,6 +51,8 @@ pub(crate) struct TopicName {
 struct Peer {
     data: ParticipantData,
     heard: Instant,
+    /// Where its announcement came from.
+    from: Ipv4Addr,
 }
 
 /// What came with a datagram: the reader and a message of its topic.
@@ -323,10 +325,11 @@ impl Engine {
         }
     }
 
-    /// Takes a datagram. Messages that are complete are added to `ready`.
+    /// Takes a datagram that came from an address. Messages that are complete are added to `ready`.
     pub(crate) fn receive(
         &mut self,
         datagram: &[u8],
+        from: Ipv4Addr,
         now: Instant,
         out: &mut Vec<Datagram>,
         ready: &mut Vec<Delivery>,
@@ -349,7 +352,7 @@ impl Engine {
                     source = prefix;
                     Ok(())
                 }
-                Ok(part) if is_for_us => self.take(source, part, now, out, ready),
+                Ok(part) if is_for_us => self.take((source, from), part, now, out, ready),
                 Ok(_) => Ok(()),
                 Err(error) => Err(error),
             };
@@ -365,7 +368,7 @@ impl Engine {
 
     fn take(
         &mut self,
-        source: Prefix,
+        (source, address): (Prefix, Ipv4Addr),
         part: Submessage<'_>,
         now: Instant,
         out: &mut Vec<Datagram>,
@@ -383,7 +386,7 @@ impl Engine {
                 if let Some(guid) = announcement::whose_end(parameters, payload, is_key)? {
                     self.remove_peer(guid.prefix);
                 } else {
-                    self.meet(ParticipantData::read(payload)?, now, out);
+                    self.meet(ParticipantData::read(payload)?, address, now, out);
                 }
                 return Ok(());
             }
@@ -523,7 +526,13 @@ impl Engine {
     }
 
     /// Another participant announces itself.
-    fn meet(&mut self, data: ParticipantData, now: Instant, out: &mut Vec<Datagram>) {
+    fn meet(
+        &mut self,
+        data: ParticipantData,
+        from: Ipv4Addr,
+        now: Instant,
+        out: &mut Vec<Datagram>,
+    ) {
         let prefix = data.prefix;
         let is_other_domain = data.domain.is_some() && data.domain != self.own.domain;
         if prefix == self.own.prefix || is_other_domain {
@@ -538,7 +547,7 @@ impl Engine {
             self.not_admitted += 1;
             return;
         }
-        let Some(to) = self.interfaces.destination(&data.discovery) else {
+        let Some(to) = self.interfaces.destination(&data.discovery, from) else {
             self.not_admitted += 1;
             return;
         };
@@ -548,7 +557,14 @@ impl Engine {
                 bytes: self.announce(Some(prefix)),
             });
         }
-        self.peers.insert(prefix, Peer { data, heard: now });
+        self.peers.insert(
+            prefix,
+            Peer {
+                data,
+                heard: now,
+                from,
+            },
+        );
         let guid = |entity| Guid::new(prefix, entity);
         self.publications
             .add(guid(PUBLICATIONS_READER), to, true, true, now, out);
@@ -735,8 +751,8 @@ fn destination(
 ) -> Option<Destination> {
     let peer = peers.get(&endpoint.guid.prefix)?;
     interfaces
-        .destination(&endpoint.addresses)
-        .or_else(|| interfaces.destination(&peer.data.messages))
+        .destination(&endpoint.addresses, peer.from)
+        .or_else(|| interfaces.destination(&peer.data.messages, peer.from))
 }
 
 fn match_writer(

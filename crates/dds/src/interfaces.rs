@@ -16,6 +16,7 @@ impl Interfaces {
         let found = if_addrs::get_if_addrs().unwrap_or_default();
         let mut addresses: Vec<_> = found
             .into_iter()
+            .filter(|interface| interface.is_oper_up() || interface.is_loopback())
             .filter_map(|interface| match interface.addr {
                 if_addrs::IfAddr::V4(address) => Some((address.ip, address.netmask)),
                 if_addrs::IfAddr::V6(_) => None,
@@ -52,48 +53,44 @@ impl Interfaces {
         }
     }
 
-    /// The best of the addresses of a participant: one of this machine, one in a network of this machine, or the first.
-    pub(crate) fn destination(&self, addresses: &[SocketAddrV4]) -> Option<Destination> {
-        let on_host = |address: &&SocketAddrV4| {
-            !address.ip().is_loopback() && self.all().any(|own| own == *address.ip())
-        };
+    /// The best of the addresses of a participant: one of this machine if all are, the one that it was heard from, one in
+    /// a network of this machine, or the first.
+    pub(crate) fn destination(
+        &self,
+        addresses: &[SocketAddrV4],
+        heard: Ipv4Addr,
+    ) -> Option<Destination> {
+        let is_own = |ip: &Ipv4Addr| self.all().any(|own| own == *ip);
         // A loopback address is announced beside others too, and is then not that of this machine.
-        let only_loopback = addresses.iter().all(|address| address.ip().is_loopback());
+        let (loopback, others): (Vec<_>, Vec<_>) = addresses
+            .iter()
+            .partition::<Vec<&SocketAddrV4>, _>(|address| address.ip().is_loopback());
+        let at = |address: &&SocketAddrV4, on_host| {
+            Some(Destination {
+                address: **address,
+                on_host,
+            })
+        };
         let is_restricted = self.all().all(|own| own.is_loopback());
-        let loopback = |address: &&SocketAddrV4| {
-            (only_loopback || is_restricted)
-                && address.ip().is_loopback()
-                && self.all().any(|own| own.is_loopback())
-        };
-        if let Some(&address) = addresses
-            .iter()
-            .find(on_host)
-            .or_else(|| addresses.iter().find(loopback))
-        {
-            return Some(Destination {
-                address,
-                on_host: true,
-            });
+        if is_restricted || others.is_empty() {
+            let reached = loopback.first().filter(|address| is_own(address.ip()));
+            return reached.and_then(|address| at(address, true));
         }
-        if is_restricted {
-            return None;
+        // Bridges of containers have the same address on many machines, so one alone proves nothing.
+        if others.iter().all(|address| is_own(address.ip())) {
+            return others.first().and_then(|address| at(address, true));
         }
-        let is_near = |address: &&SocketAddrV4| {
+        let is_near = |ip: Ipv4Addr| {
             self.addresses.iter().any(|(own, mask)| {
-                !own.is_loopback()
-                    && u32::from(*own) & u32::from(*mask)
-                        == u32::from(*address.ip()) & u32::from(*mask)
+                u32::from(*own) & u32::from(*mask) == u32::from(ip) & u32::from(*mask)
             })
         };
-        let remote = |address: &&SocketAddrV4| !address.ip().is_loopback();
-        addresses
-            .iter()
-            .find(is_near)
-            .or_else(|| addresses.iter().find(remote))
-            .map(|&address| Destination {
-                address,
-                on_host: false,
-            })
+        let remote = || others.iter().filter(|address| !is_own(address.ip()));
+        remote()
+            .find(|address| *address.ip() == heard)
+            .or_else(|| remote().find(|address| is_near(*address.ip())))
+            .or_else(|| remote().next())
+            .and_then(|address| at(address, false))
     }
 }
 
@@ -111,42 +108,41 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_address_is_used() {
-        let own = interfaces(&[[127, 0, 0, 1], [10, 0, 0, 2], [192, 168, 1, 5]]);
-        for (addresses, expected) in [
-            (&[[10, 0, 0, 2]][..], Some(([10, 0, 0, 2], true))),
-            (&[[127, 0, 0, 1]], Some(([127, 0, 0, 1], true))),
+    fn the_best_address_is_used() {
+        let own = interfaces(&[[127, 0, 0, 1], [10, 0, 0, 2], [172, 17, 0, 1]]);
+        let (near, far, bridge) = ([10, 0, 0, 9], [192, 168, 1, 9], [172, 17, 0, 1]);
+        let loopback = [127, 0, 0, 1];
+        for (addresses, heard, expected) in [
             (
-                &[[127, 0, 0, 1], [172, 17, 0, 1], [192, 168, 1, 9]],
-                Some(([192, 168, 1, 9], false)),
+                &[[10, 0, 0, 2], bridge][..],
+                [10, 0, 0, 2],
+                Some(([10, 0, 0, 2], true)),
             ),
-            (
-                &[[127, 0, 0, 1], [172, 17, 0, 1]],
-                Some(([172, 17, 0, 1], false)),
-            ),
-            (&[], None),
+            (&[loopback], loopback, Some((loopback, true))),
+            // Another machine, which has a bridge with the same address.
+            (&[bridge, near], near, Some((near, false))),
+            (&[loopback, far, near], [8, 8, 8, 8], Some((near, false))),
+            (&[loopback, near, far], far, Some((far, false))),
+            (&[loopback, far], [8, 8, 8, 8], Some((far, false))),
+            (&[], near, None),
         ] {
             let addresses: Vec<_> = addresses.iter().map(|&ip| at(ip)).collect();
             let expected = expected.map(|(ip, on_host)| Destination {
                 address: at(ip),
                 on_host,
             });
-            assert_eq!(own.destination(&addresses), expected);
+            assert_eq!(own.destination(&addresses, heard.into()), expected);
         }
-        assert_eq!(
-            own.announced(),
-            [[10, 0, 0, 2], [192, 168, 1, 5]].map(Ipv4Addr::from)
-        );
+        assert_eq!(own.announced(), [[10, 0, 0, 2], bridge].map(Ipv4Addr::from));
     }
 
     #[test]
     fn localhost_only_reaches_nothing_else() {
         let own = interfaces(&[[127, 0, 0, 1]]);
+        let heard = [10, 0, 0, 9].into();
         assert_eq!(own.announced(), [Ipv4Addr::LOCALHOST]);
-        assert!(own.destination(&[at([10, 0, 0, 9])]).is_none());
-        assert!(
-            own.destination(&[at([10, 0, 0, 9]), at([127, 0, 0, 1])])
-                .is_some()
-        );
+        assert!(own.destination(&[at([10, 0, 0, 9])], heard).is_none());
+        let both = [at([10, 0, 0, 9]), at([127, 0, 0, 1])];
+        assert!(own.destination(&both, heard).is_some());
     }
 }

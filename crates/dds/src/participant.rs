@@ -4,7 +4,7 @@ use std::{
     collections::{BTreeMap, VecDeque},
     hash::{BuildHasher, Hasher, RandomState},
     io::ErrorKind,
-    net::UdpSocket,
+    net::{SocketAddr, UdpSocket},
     process,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
@@ -301,8 +301,9 @@ impl Shared {
         let mut datagram = vec![0; 1 << 16];
         let (mut out, mut ready) = (Vec::new(), Vec::new());
         while !self.ends.load(Ordering::Relaxed) {
-            let length = match socket.recv_from(&mut datagram) {
-                Ok((length, _)) => length,
+            let (length, from) = match socket.recv_from(&mut datagram) {
+                Ok((length, SocketAddr::V4(from))) => (length, *from.ip()),
+                Ok((_, SocketAddr::V6(_))) => continue,
                 Err(error)
                     if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
                 {
@@ -314,8 +315,13 @@ impl Shared {
                     continue;
                 }
             };
-            self.engine()
-                .receive(&datagram[..length], Instant::now(), &mut out, &mut ready);
+            self.engine().receive(
+                &datagram[..length],
+                from,
+                Instant::now(),
+                &mut out,
+                &mut ready,
+            );
             self.send(&out, true);
             out.clear();
             if !ready.is_empty() {

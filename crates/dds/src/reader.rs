@@ -418,3 +418,82 @@ fn deliver(message: Vec<u8>, counts: &mut ReceptionCounts, ready: &mut Vec<Vec<u
         ready.push(message);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::EntityId;
+
+    const READER: EntityId = [0, 0, 1, 4];
+    const WRITER: EntityId = [0, 0, 2, 3];
+
+    fn matched(reliable: bool) -> (Reader, Guid, Instant) {
+        let now = Instant::now();
+        let writer = Guid::new([2; 12], WRITER);
+        let mut reader = Reader::new(Guid::new([1; 12], READER), reliable, false, 1 << 20);
+        reader.add(writer, SocketAddrV4::new([10, 0, 0, 2].into(), 7411), now);
+        (reader, writer, now)
+    }
+
+    #[test]
+    fn fragments_that_contradict_themselves_are_refused() {
+        let (mut reader, writer, now) = matched(false);
+        let mut ready = Vec::new();
+        let mut refused = 0;
+        for (start, count, size, total) in [
+            (u32::MAX, u16::MAX, u16::MAX, 100),
+            (0, 1, 10, 100),
+            (1, 0, 10, 100),
+            (1, 1, 0, 100),
+            (1, 1, 10, 0),
+            (11, 1, 10, 100),
+            (10, 2, 10, 100),
+            (1, 2, 10, 100),
+            (1, 1, 10, u32::MAX),
+        ] {
+            let fragments = Fragments {
+                writer: WRITER,
+                reader: READER,
+                number: 1,
+                start,
+                count,
+                size,
+                total,
+                payload: &[7; 19],
+            };
+            reader.fragments(writer, &fragments, now, &mut ready);
+            refused += 1;
+            assert_eq!(reader.counts.refused, refused, "{fragments:?}");
+        }
+        assert!(ready.is_empty());
+    }
+
+    /// A writer that announces much and sends little.
+    #[test]
+    fn what_is_kept_for_a_writer_is_bounded() {
+        let (mut reader, writer, now) = matched(true);
+        let (mut ready, mut out) = (Vec::new(), Vec::new());
+        reader.heartbeat(writer, (1, 0), 1, false, now, &mut ready, &mut out);
+        for number in 1..1000u64 {
+            let listed: Vec<u64> = (0..256).map(|at| number << 20 | at).collect();
+            reader.gap(writer, (number << 20, u64::MAX >> 1), &listed, &mut ready);
+            reader.data(writer, 2 * number, vec![0; 8], &mut ready);
+        }
+        let source = &reader.sources[&writer];
+        assert!(source.ahead.len() <= AHEAD, "{}", source.ahead.len());
+        // Every second message; those that still wait are the last ones.
+        assert_eq!(ready.len() + source.ahead.len(), 999);
+        assert_eq!(reader.counts.received as usize, ready.len());
+        // A request lists no more than a set can hold, whatever is announced.
+        reader.heartbeat(
+            writer,
+            (1, 1 << 40),
+            2,
+            false,
+            now + ASK,
+            &mut ready,
+            &mut out,
+        );
+        assert!(out.iter().all(|datagram| datagram.bytes.len() < 256));
+    }
+}

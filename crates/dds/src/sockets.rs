@@ -65,6 +65,8 @@ impl Sockets {
             .flat_map(|ip| {
                 (0..LOOKED_FOR)
                     .filter_map(move |index| base.checked_add(10 + 2 * index))
+                    // Some participants have no port of their own that could be guessed, and listen at that of multicast.
+                    .chain([base])
                     .map(move |port| SocketAddrV4::new(ip, port))
             })
             .collect();

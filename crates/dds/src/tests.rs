@@ -138,6 +138,8 @@ impl Network {
                 if let Some(index) = to {
                     self.engines[index].2.receive(
                         &datagram.bytes,
+                        // One that says nothing of the sender.
+                        *datagram.to.ip(),
                         self.now,
                         &mut self.on_the_way,
                         &mut self.received[index],
