@@ -103,7 +103,8 @@ fn a_result_is_a_cloud_in_the_world() {
         let args = [&["rgb.png", "sparse.npy"], &camera[..], more].concat();
         complete(folder.path(), &args);
     };
-    run(&["-o", "whole.ply", "--keep-flying"]);
+    let all = ["--keep-flying", "--max-relative-sigma", "1e6"];
+    run(&[&["-o", "whole.ply"], &all[..]].concat());
     run(&["-o", "whole.npy"]);
     run(&["-o", "sure.ply", "--max-sigma", "0.2"]);
     // Seen again, the cloud is the map it was made of.
@@ -212,10 +213,13 @@ fn pixels_that_count_as_not_measured_are_in_no_cloud() {
         &none,
         &["above 0.000000001 of its depth", "--max-relative-sigma"],
     );
-    // One point has no standard deviations: nothing is left out.
+    // One point measures little of the room.
     std::fs::write(at("one.csv"), "u,v,depth\n150,110,2\n").unwrap();
     let one = run("one.csv", &["-o", "one", "--formats", "ply"]);
-    assert_eq!(one["cloud"]["uncertain"], 0);
+    assert!(
+        one["cloud"]["uncertain"].as_u64().unwrap() > 60_000,
+        "{one}"
+    );
 }
 
 #[test]
@@ -241,9 +245,10 @@ fn what_files_leave_out_is_counted() {
     assert!(told.contains(&words) && told.contains(&flying), "{told}");
     let thin = run(&["-o", "thin", "--voxel", "0.05", "--keep-flying", "--json"]);
     let thin: serde_json::Value = serde_json::from_str(&thin).unwrap();
-    let [points, merged, none] =
-        ["points", "merged", "flying"].map(|name| thin["cloud"][name].as_u64().unwrap());
-    assert_eq!((points + merged, none), (pixels, 0));
+    let [points, merged, uncertain, none] = ["points", "merged", "uncertain", "flying"]
+        .map(|name| thin["cloud"][name].as_u64().unwrap());
+    assert_eq!((points + merged + uncertain, none), (pixels, 0));
+    assert!((1..pixels / 10).contains(&uncertain), "{uncertain}");
     assert!(merged > points);
     let seen = Camera::read(&at("camera.toml")).unwrap();
     let cloud = Sparse::read(&at("sure/rgb_cloud.ply"), None, Some(&seen), (304, 228)).unwrap();
