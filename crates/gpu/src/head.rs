@@ -6,7 +6,7 @@ use crate::memory::Pooled;
 use crate::plan::{Place, spread};
 use crate::traffic::Part;
 use crate::weights::{GpuLayer, Packer, quads};
-use lsdc_core::network::{FirstFunction, HeadWeights, Linear, Prepare, codes};
+use lsdc_core::network::{FirstFunction, HeadWeights, LinearWeights, Prepare, codes};
 use lsdc_kernels::conv::ConvSpec;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,8 +26,8 @@ const GRIDS: usize = 2;
 pub(crate) struct Head {
     /// The first layer on the features, which commutes with their enlargement.
     pub(crate) input: GpuLayer,
-    first: Linear,
-    last: Linear,
+    first: LinearWeights,
+    last: LinearWeights,
     features: usize,
     octaves: usize,
     kernel: HeadKernel,

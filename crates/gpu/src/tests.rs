@@ -8,7 +8,7 @@ use crate::weights::{GpuLayer, Packer, quads};
 use crate::{Adapter, Gpu};
 use lsdc_core::bilinear::neighbours;
 use lsdc_core::network::{
-    Executor as _, FirstFunction, HeadWeights, Linear, MAX_LOG_DEPTH, Prepare as _, codes,
+    Executor as _, FirstFunction, HeadWeights, LinearWeights, MAX_LOG_DEPTH, Prepare as _, codes,
 };
 use lsdc_kernels::conv::{ConvSpec, Layer};
 use lsdc_kernels::simd::{Level, Scratch, Tail};
@@ -395,7 +395,7 @@ fn functions(
                 .map(f64::from),
         );
     }
-    let times = |x: &[f64], layer: &Linear| -> Vec<f64> {
+    let times = |x: &[f64], layer: &LinearWeights| -> Vec<f64> {
         let rows = x.iter().zip(layer.values.chunks_exact(layer.columns));
         let mut sums = vec![0.0; layer.columns];
         for (value, row) in rows {
@@ -446,7 +446,7 @@ fn mlps_agree() {
         let mut linear = |to: usize, name: &str, has_bias: bool| {
             let scale = (2.0 / from as f32).sqrt();
             let values = random(from * to, name).into_iter().map(|w| scale * w);
-            let layer = Linear {
+            let layer = LinearWeights {
                 columns: to,
                 values: values.collect(),
                 bias: random(if has_bias { to } else { 0 }, "bias"),

@@ -31,7 +31,7 @@ pub(super) struct Extractor<L> {
 
 /// What an extractor yields.
 #[derive(Clone, Debug)]
-pub struct ExtractorOutput<M> {
+pub struct ExtractedMaps<M> {
     /// At a quarter of the image's resolution, or at half of it if they are sharpened.
     pub features: M,
     /// The logarithm of the map of depth that a backbone predicts, at the same resolution.
@@ -190,7 +190,7 @@ impl<L> Extractor<L> {
         image: &M,
         encoded: Option<&M>,
         executor: &impl Executor<Layer = L, Map = M>,
-    ) -> ExtractorOutput<M> {
+    ) -> ExtractedMaps<M> {
         let stage = |blocks: &[Block<L>], x: M| {
             let blocks = blocks.iter();
             blocks.fold(x, |x, block| block.forward(x, executor))
@@ -230,7 +230,7 @@ impl<L> Extractor<L> {
             (Some(sharpen), Some(half)) => sharpen.forward(features, half, executor),
             _ => features,
         };
-        ExtractorOutput {
+        ExtractedMaps {
             logarithm: logarithm.map(|map| executor.enlarged(&map, &features)),
             features,
         }

@@ -3,10 +3,10 @@
 use super::config::NetworkConfig;
 use super::encoding;
 use super::executor::Prepare;
-use super::extractor::ExtractorOutput;
+use super::extractor::ExtractedMaps;
 use super::grid::{CodeLayers, GridCache, PositionGrid, distinct_coordinates};
 use super::map::Map;
-use super::tensors::{Linear, Tensors};
+use super::tensors::{LinearWeights, Tensors};
 use crate::error::WeightsError;
 use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
@@ -33,13 +33,13 @@ pub(super) struct Head {
 #[derive(Clone, Debug)]
 pub struct HeadWeights {
     /// The hidden layers; the inputs of the first are features, codes of columns, and codes of rows.
-    pub hidden: Vec<Linear>,
+    pub hidden: Vec<LinearWeights>,
     /// Number of features.
     pub features: usize,
     /// Octaves of the positional encoding, see [`codes`](super::codes).
     pub octaves: usize,
     /// From the last hidden layer to the N basis functions, without bias.
-    pub last: Linear,
+    pub last: LinearWeights,
     /// The first function, which is not among the N.
     pub first: FirstFunction,
 }
@@ -73,7 +73,7 @@ impl HeadWeights {
             hidden,
             features,
             octaves: config.octaves,
-            last: Linear {
+            last: LinearWeights {
                 columns: functions,
                 values: last.to_vec(),
                 bias: Vec::new(),
@@ -127,7 +127,7 @@ impl Head {
             return Err(WeightsError::Unsupported("its MLP has no hidden layer"));
         };
         let (codes, depth) = (features + 2 * octaves, first.rows());
-        let packed = |layer: &Linear| layer.packed(level, 0..layer.rows(), &layer.bias);
+        let packed = |layer: &LinearWeights| layer.packed(level, 0..layer.rows(), &layer.bias);
         Ok(Self {
             level,
             features: first.packed(level, 0..features, &[]),
@@ -144,8 +144,8 @@ impl Head {
         })
     }
 
-    pub(super) fn input(&self, output: ExtractorOutput<Arc<Map>>) -> HeadInput {
-        let ExtractorOutput {
+    pub(super) fn input(&self, output: ExtractedMaps<Arc<Map>>) -> HeadInput {
+        let ExtractedMaps {
             features,
             logarithm,
         } = output;

@@ -3,7 +3,7 @@
 use super::affinity_net::AffinityNet;
 use super::config::{NetworkConfig, NormKind};
 use super::executor::{Executor, Prepare};
-use super::extractor::{Extractor, ExtractorOutput};
+use super::extractor::{ExtractedMaps, Extractor};
 use super::head::HeadWeights;
 use super::tensors::Tensors;
 use crate::error::{Error, WeightsError};
@@ -63,7 +63,7 @@ impl<L> NetworkLayers<L> {
         image: &M,
         encoded: Option<&M>,
         executor: &impl Executor<Layer = L, Map = M>,
-    ) -> ExtractorOutput<M> {
+    ) -> ExtractedMaps<M> {
         self.extractor.forward(image, encoded, executor)
     }
 

@@ -34,7 +34,7 @@ pub use encoder::{
 };
 pub use encoding::{channels, codes};
 pub use executor::{Executor, Prepare};
-pub use extractor::ExtractorOutput;
+pub use extractor::ExtractedMaps;
 pub use head::{FirstFunction, HeadWeights, MAX_LOG_DEPTH};
 pub use layers::NetworkLayers;
 
@@ -48,7 +48,7 @@ use map::Map;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::sync::Arc;
-pub use tensors::Linear;
+pub use tensors::LinearWeights;
 use tensors::Tensors;
 use workspace::Workspace;
 

@@ -20,7 +20,7 @@ pub(super) struct Tensors<'a, P = Level> {
 
 /// A linear map of rows, with bias.
 #[derive(Clone, Debug)]
-pub struct Linear {
+pub struct LinearWeights {
     /// The number of outputs.
     pub columns: usize,
     /// Weights `[inputs, columns]`.
@@ -29,7 +29,7 @@ pub struct Linear {
     pub bias: Vec<f32>,
 }
 
-impl Linear {
+impl LinearWeights {
     /// The number of inputs.
     pub fn rows(&self) -> usize {
         self.values.len() / self.columns.max(1)
@@ -139,7 +139,7 @@ impl<'a, P: Prepare> Tensors<'a, P> {
         &self,
         name: &str,
         (depth, columns): (usize, usize),
-    ) -> Result<Linear, WeightsError> {
+    ) -> Result<LinearWeights, WeightsError> {
         let weight = format!("{name}.linear.weight");
         let mut values = self.values(&weight, &[depth, columns])?.to_vec();
         let (slopes, bias) = self.batch_norm(name, columns)?;
@@ -147,7 +147,7 @@ impl<'a, P: Prepare> Tensors<'a, P> {
             let pairs = row.iter_mut().zip(&slopes);
             pairs.for_each(|(value, slope)| *value *= slope);
         }
-        Ok(Linear {
+        Ok(LinearWeights {
             columns,
             values,
             bias,
