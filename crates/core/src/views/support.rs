@@ -225,7 +225,8 @@ mod tests {
             views.iter().filter(|point| point.is_doubtful).count(),
         );
         assert!(there > 60, "{there}");
-        assert_eq!(checked(&own, views), (all - there, [0, there]));
+        // The first, in a corner, is nearer to own points at the border, around which half of the points agree.
+        assert_eq!(checked(&own, views), (all - there + 1, [0, there - 1]));
     }
 
     #[test]
