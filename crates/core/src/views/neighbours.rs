@@ -8,9 +8,9 @@ const TRIED: usize = 64;
 /// A neighbour shares at least this part of its view.
 const LEAST: f64 = 0.05;
 
-/// The indices of the views that share most with that of `index`, best first: by the smaller of both shares of points that the
-/// other sees, occlusion aside, times the cosine of the angle between the optical axes. Of equals the nearest in the sequence is
-/// first. Views that share less than a twentieth are none.
+/// The indices of the views that share most with that of `index`, best first: by the smaller of both shares of points that
+/// the other sees, occlusion aside, times the cosine of the angle between the optical axes. Of equals the nearest in the
+/// sequence is first. Views that share less than a twentieth are none.
 ///
 /// Views are tried from the nearest in the sequence on, each only until it can no longer be among the best: of thousands,
 /// most cost a comparison of axes or a few points.

@@ -1,8 +1,8 @@
 //! Whether measured points around a carried point support it, where the completion by the image's own points does not.
 //!
 //! That completion is wrong where it missed a surface: a point that it contradicts may be right. Other views measured the
-//! same surface then, with points of their own. What moved, no other view measured there; and where the image's own points
-//! disagree with the carried points around them, the completion is believed.
+//! same surface then, with points of their own. Where something moved, own points disagree with the carried points around
+//! them, and the completion is believed everywhere: what moved may be where the image has no point.
 
 use super::PosedView;
 use super::carry::Carried;
@@ -18,23 +18,20 @@ const APART: f64 = 3.0;
 /// The carried points around one of the image's own, and the share that agrees with it unless something moved.
 const AROUND: usize = 8;
 const AGREEING: f64 = 0.25;
-/// Own points around a carried one, any of which may disagree with the carried points around it.
-const OWN_AROUND: usize = 4;
 /// The square of the distance within which a point is around another, in those of the mean distance of own points.
 const REACH: f64 = 2.0;
 
 /// Removes the carried points that the completion contradicts, unless a point of another view, or of the image, supports
-/// them, and no own point around disagrees with the carried points around it.
+/// them. All are removed if an own point disagrees with the carried points around it.
 pub(super) fn check(own: &PosedView, carried: &mut Vec<Carried>, views: &mut [ViewReport]) {
     if carried.iter().all(|point| !point.is_doubtful) {
         return;
     }
     let measured = own.points_inside();
-    let disputed = Disputed::new(&measured, carried);
+    let something_moved = any_disputed(&measured, carried);
     let others = Others::new(own, &measured, carried, views.len());
-    let is_kept = |point: &Carried| {
-        !point.is_doubtful || (others.support(point) && !disputed.is_around(point))
-    };
+    let is_kept =
+        |point: &Carried| !point.is_doubtful || (!something_moved && others.support(point));
     let mut kept = carried.iter().map(is_kept).collect::<Vec<_>>().into_iter();
     carried.retain(|point| {
         let is_kept = kept.next().unwrap_or(true);
@@ -71,34 +68,18 @@ fn grid<'a>(points: impl Iterator<Item = &'a Observation>) -> NeighbourGrid {
     NeighbourGrid::new(&points.map(place).collect::<Vec<_>>())
 }
 
-/// The image's own points, and which disagree with the carried points around them.
-struct Disputed {
-    grid: NeighbourGrid,
-    is_disputed: Vec<bool>,
-}
-
-impl Disputed {
-    fn new(measured: &[Observation], carried: &[Carried]) -> Self {
-        let around = grid(carried.iter().map(|point| &point.observation));
-        let is_disputed = |point: &Observation| {
-            let near = around.nearest(place(point), AROUND);
-            let agreeing = near.iter().filter(|(_, index)| {
-                let carried = &carried[*index];
-                // The completion passes through own points, and has the slope around them.
-                carried.difference.abs() < tolerance(carried) || agrees(carried, point)
-            });
-            (agreeing.count() as f64) < AGREEING * near.len() as f64
-        };
-        Self {
-            grid: grid(measured.iter()),
-            is_disputed: measured.iter().map(is_disputed).collect(),
-        }
-    }
-
-    fn is_around(&self, point: &Carried) -> bool {
-        let near = self.grid.nearest(place(&point.observation), OWN_AROUND);
-        near.iter().any(|(_, index)| self.is_disputed[*index])
-    }
+/// Whether one of the image's own points disagrees with the carried points around it.
+fn any_disputed(measured: &[Observation], carried: &[Carried]) -> bool {
+    let around = grid(carried.iter().map(|point| &point.observation));
+    measured.iter().any(|point| {
+        let near = around.nearest(place(point), AROUND);
+        let agreeing = near.iter().filter(|(_, index)| {
+            let carried = &carried[*index];
+            // The completion passes through own points, and has the slope around them.
+            carried.difference.abs() < tolerance(carried) || agrees(carried, point)
+        });
+        (agreeing.count() as f64) < AGREEING * near.len() as f64
+    })
 }
 
 /// The points of each view, and last those of the image.

@@ -81,17 +81,19 @@ impl DescribedViews {
         let check = "check poses and time stamps";
         let errors = self.errors.filter(|[before, after]| after > before);
         if let Some([before, after]) = errors.filter(|_| self.outcome == "rejected") {
-            let carried = self.images.iter().map(|view| view.carried).sum();
-            let are_poses_right = self.inconsistent == 0
-                && self.images.iter().all(|view| view.pose_deviation == 0.0);
-            let cause = if are_poses_right {
-                "no error of the poses is found, so surfaces may be rougher than the points are dense".to_owned()
+            let carried: usize = self.images.iter().map(|view| view.carried).sum();
+            let are_wrong = self.images.iter().any(|view| view.pose_deviation > 0.0);
+            let cause = if are_wrong || self.inconsistent > 0 {
+                format!(
+                    "{check}; if they are right, surfaces are rougher than the points are dense"
+                )
             } else {
-                format!("{check}; if they are right, surfaces are rougher than the points are dense")
+                "no error of the poses is found; surfaces may be rougher than the points are dense"
+                    .to_owned()
             };
             return Some(format!(
-                "{} of other images are left out, as the errors of the image's own points, each predicted by the others, rise from \
-                 {:.2} to {:.2} % with them: {cause}",
+                "{} of other images are left out, as the leave-one-out errors of the image's own points rise from {:.2} to \
+                 {:.2} % with them: {cause}",
                 counted(carried, "point"),
                 100.0 * before,
                 100.0 * after
