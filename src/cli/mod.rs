@@ -18,6 +18,7 @@ mod install;
 mod manual;
 mod names;
 mod network;
+mod node;
 mod recordings;
 mod report;
 #[cfg(feature = "serve")]
@@ -59,6 +60,7 @@ fn run(args: Args) -> Result<Exit> {
     match args.command {
         Command::Complete(args) => complete::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Node(args) => node::run(&args),
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::run(&args),
         #[cfg(feature = "serve")]

@@ -174,7 +174,9 @@ impl Front {
         }
         let mut state = shared.state();
         let status = &mut state.status;
-        dropped.iter().for_each(|reason| status.drop_image(reason));
+        for reason in &dropped {
+            status.drop_image(reason);
+        }
         status.inputs = self.live.counts();
         status.images = status.inputs.images;
         status.lacking = self.live.lacking().map(str::to_owned);

@@ -7,6 +7,7 @@ mod experiment;
 mod fit;
 mod fuse;
 mod inspect;
+mod node;
 mod recorded;
 mod reports;
 #[cfg(feature = "serve")]
@@ -23,7 +24,8 @@ pub(super) use experiment::{Chosen, Experiments};
 use fit::FitFlags;
 pub(super) use fuse::Fuse;
 pub(super) use inspect::{Completions, Inspect, Manual};
-pub(super) use recorded::Recorded;
+pub(super) use node::NodeArgs;
+pub(super) use recorded::{Recorded, Units};
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 #[cfg(feature = "serve")]
 pub(super) use serve::{Serve, View};
@@ -69,6 +71,8 @@ pub(super) enum Command {
     Fuse(Box<Fuse>),
     /// Show what is in a file: type, size, units, coverage, range.
     Inspect(Inspect),
+    /// Complete the topics of a running robot (ROS 2).
+    Node(Box<NodeArgs>),
     /// Complete depth over HTTP, for other programs.
     #[cfg(feature = "serve")]
     Serve(Box<Serve>),

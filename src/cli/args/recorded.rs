@@ -95,7 +95,7 @@ impl Recorded {
 }
 
 /// A number of seconds that is not below 0, and at most a day.
-fn seconds(text: &str) -> Result<f64, String> {
+pub(super) fn seconds(text: &str) -> Result<f64, String> {
     let found = text
         .parse()
         .ok()

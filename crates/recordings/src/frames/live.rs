@@ -5,6 +5,7 @@ use super::choice::FrameTopics;
 use super::decoded::{DecodedFrame, FrameTimes};
 use super::options::FrameOptions;
 use super::rig::Rig;
+use super::sweep::Sweep;
 use super::{DropReason, DroppedFrame};
 use crate::message::{Header, PointCloud, Timestamp, restamped_camera_info};
 use crate::series::TimeSeries;
@@ -480,7 +481,7 @@ impl Rig {
     fn points_end(&self, stamp: Timestamp, message: &[u8]) -> Timestamp {
         let cloud = self.point_times.as_ref().map(|_| PointCloud::of(message));
         let sweep = cloud.and_then(|cloud| self.sweep(stamp, &cloud.ok()?));
-        sweep.map_or(stamp, |sweep| sweep.end())
+        sweep.map_or(stamp, Sweep::end)
     }
 }
 

@@ -110,12 +110,14 @@ mod tests {
         writer.u32(5);
         (0..5).for_each(|i| writer.f64(f64::from(i) / 100.0));
         for row in [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]] {
-            row.into_iter().for_each(|v| writer.f64(v));
+            for value in row {
+                writer.f64(value);
+            }
         }
         (0..21).for_each(|i| writer.f64(f64::from(i)));
-        [0, 0, 0, 0, 480, 640]
-            .into_iter()
-            .for_each(|v| writer.u32(v));
+        for value in [0, 0, 0, 0, 480, 640] {
+            writer.u32(value);
+        }
         writer.u8(1);
         let message = writer.finish();
         let longer = restamped_camera_info(&message, &header("camera_optical_frame")).unwrap();

@@ -84,7 +84,8 @@ mod tests {
             part(DiagnosticLevel::Ok, "b", "", ""),
         ];
         let message = write_diagnostics(7_000_000_005, &parts);
-        let hex: String = message.iter().map(|byte| format!("{byte:02x}")).collect();
-        assert_eq!(hex, EXPECTED);
+        let bytes = (0..EXPECTED.len()).step_by(2);
+        let bytes = bytes.map(|at| u8::from_str_radix(&EXPECTED[at..at + 2], 16).unwrap());
+        assert!(bytes.eq(message), "{parts:?}");
     }
 }
