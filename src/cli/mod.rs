@@ -18,6 +18,7 @@ mod install;
 mod manual;
 mod names;
 mod network;
+#[cfg(feature = "node")]
 mod node;
 mod recordings;
 mod report;
@@ -60,6 +61,7 @@ fn run(args: Args) -> Result<Exit> {
     match args.command {
         Command::Complete(args) => complete::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        #[cfg(feature = "node")]
         Command::Node(args) => node::run(&args),
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::run(&args),

@@ -7,6 +7,7 @@ mod experiment;
 mod fit;
 mod fuse;
 mod inspect;
+#[cfg(feature = "node")]
 mod node;
 mod recorded;
 mod reports;
@@ -24,6 +25,7 @@ pub(super) use experiment::{Chosen, Experiments};
 use fit::FitFlags;
 pub(super) use fuse::Fuse;
 pub(super) use inspect::{Completions, Inspect, Manual};
+#[cfg(feature = "node")]
 pub(super) use node::NodeArgs;
 pub(super) use recorded::{Recorded, Units};
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
@@ -72,6 +74,7 @@ pub(super) enum Command {
     /// Show what is in a file: type, size, units, coverage, range.
     Inspect(Inspect),
     /// Complete the topics of a running robot (ROS 2).
+    #[cfg(feature = "node")]
     Node(Box<NodeArgs>),
     /// Complete depth over HTTP, for other programs.
     #[cfg(feature = "serve")]

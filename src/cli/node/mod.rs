@@ -1,15 +1,17 @@
 //! `lsdc node`: depth of the topics of a running robot.
 
+mod dds;
 mod parameters;
 
 use super::args::{NodeArgs, Units};
 use super::network::open_guided_completer;
 use super::{Exit, ui};
+use dds::Dds;
 use lsdc_core::Completer;
 use lsdc_files::CloudOptions;
-use lsdc_files::error::{Cause, Error, Result};
+use lsdc_files::error::{Error, Result};
 use lsdc_node::{
-    Foxglove, Node, NodeConfig, NodeHandle, SystemClock, Transport, camera_info_beside,
+    Foxglove, Node, NodeConfig, NodeHandle, SystemClock, camera_info_beside,
     conventional_topics,
 };
 use lsdc_recordings::{FrameOptions, MessageType};
@@ -23,7 +25,6 @@ const SMALL: &str = "small";
 pub(super) fn run(args: &NodeArgs) -> Result<Exit> {
     let args = &parameters::with_file(args)?;
     let config = config(args)?;
-    let mut transport = transport()?;
     let weights = args.model.weights.as_deref();
     let completer = open_guided_completer(weights, &args.model.device, None)?;
     let small = small_weights(args)?;
@@ -31,16 +32,17 @@ pub(super) fn run(args: &NodeArgs) -> Result<Exit> {
         config.topics.image.0.clone(),
         config.topics.points.0.clone(),
     );
+    let mut transport = Dds::join(&config.name)?;
     let clock = Arc::new(SystemClock::default());
     let server = args
         .foxglove
         .map(|address| Foxglove::listen(address, clock.clone()))
         .transpose()?;
     let node = match &server {
-        None => Node::new(config, completer, small, clock, transport.as_mut())?,
+        None => Node::new(config, completer, small, clock, &mut transport)?,
         Some(server) => {
             ui::tell(&format!("foxglove  ws://{}", server.address()));
-            let mut shown = server.beside(transport.as_mut());
+            let mut shown = server.beside(&mut transport);
             Node::new(config, completer, small, clock, &mut shown)?
         }
     };
@@ -53,13 +55,6 @@ pub(super) fn run(args: &NodeArgs) -> Result<Exit> {
     node.run()?;
     summarise(&handle);
     Ok(Exit::Done)
-}
-
-/// What carries messages between this program and others.
-fn transport() -> Result<Box<dyn Transport>> {
-    let what = "this build has no transport for the topics of ROS 2";
-    Err(Error::new(Cause::Network, what)
-        .hint("complete a recording of the topics: lsdc complete drive.mcap; or give the crate lsdc-node a transport"))
 }
 
 /// The weights for a deadline that others do not keep to.
