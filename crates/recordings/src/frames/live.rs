@@ -62,7 +62,7 @@ pub struct Receipt {
 /// let receipt = Receipt { at: Duration::ZERO, stamp: 0 };
 /// live.add("/camera/image_raw", b"no image".to_vec(), receipt);
 /// let found = live.next(receipt.at).unwrap();
-/// assert_eq!(found.unwrap_err().reason.kind(), "damaged");
+/// assert_eq!(found.err().unwrap().reason.kind(), "damaged");
 /// # Ok(())
 /// # }
 /// ```
