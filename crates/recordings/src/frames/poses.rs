@@ -20,12 +20,11 @@ impl Frames {
         } else {
             image
         };
-        let fixed = match &rig.route {
-            Some(route) => route.fixed().to_owned(),
-            None => {
-                let route = rig.transforms.route(own, own, rig.fixed.as_deref())?;
-                route.fixed().to_owned()
-            }
+        let fixed = if let Some(route) = &rig.route {
+            route.fixed().to_owned()
+        } else {
+            let route = rig.transforms.route(own, own, rig.fixed.as_deref())?;
+            route.fixed().to_owned()
         };
         let route = rig.transforms.route(&fixed, own, Some(&fixed))?;
         if rig.transforms.is_dynamic(&route) {
