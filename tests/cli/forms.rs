@@ -270,7 +270,8 @@ fn what_files_leave_out_is_counted() {
     let report = run(&["-o", "fisheye", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     let count = |name: &str| report["cloud"][name].as_u64().unwrap();
-    assert_eq!(count("points") + count("unseen") + count("flying"), pixels);
+    let parts = ["points", "unseen", "uncertain", "flying"].map(count);
+    assert_eq!(parts.iter().sum::<u64>(), pixels);
     assert!(count("unseen") > 0);
 }
 
