@@ -32,7 +32,12 @@ pub(super) fn run(args: &Serve) -> Result<Exit> {
         "http"
     };
     let in_clear = config.access.token.is_some() && config.tls.is_none();
-    let server = bind(&args.model, args.own_guide.guide.as_ref(), args.listen, config)?;
+    let server = bind(
+        &args.model,
+        args.own_guide.guide.as_ref(),
+        args.listen,
+        config,
+    )?;
     let address = server.address();
     if in_clear && !address.ip().is_loopback() {
         ui::say("the token goes over the network as it is; give --tls-cert and --tls-key");

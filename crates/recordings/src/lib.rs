@@ -37,8 +37,8 @@ mod writer;
 pub use container::{Defects, Message, MessageLocation, MessageTimes, Topic};
 pub use definitions::message_definition;
 pub use frames::{
-    DecodedFrame, DecodedPoints, DropReason, DroppedFrame, FrameMessages, FrameOptions, FrameTopics, Frames,
-    LiveCounts, LiveFrame, LiveFrames, PointTimes, Receipt, SyncedFrame,
+    DecodedFrame, DecodedPoints, DropReason, DroppedFrame, FrameMessages, FrameOptions,
+    FrameTopics, Frames, LiveCounts, LiveFrame, LiveFrames, PointTimes, Receipt, SyncedFrame,
 };
 pub use message::{
     DIAGNOSTIC_ARRAY, DiagnosticLevel, DiagnosticStatus, Header, MessageType, Timestamp,

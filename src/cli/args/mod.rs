@@ -27,7 +27,9 @@ pub(super) use fuse::Fuse;
 pub(super) use inspect::{Completions, Inspect, Manual};
 #[cfg(feature = "node")]
 pub(super) use node::NodeArgs;
-pub(super) use recorded::{Recorded, Units};
+pub(super) use recorded::Recorded;
+#[cfg(feature = "node")]
+pub(super) use recorded::Units;
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 #[cfg(feature = "serve")]
 pub(super) use serve::{Serve, View};

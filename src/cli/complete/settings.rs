@@ -60,7 +60,7 @@ pub(super) struct Settings {
         serialize_with = "as_text::view_settings",
         skip_serializing_if = "is_default"
     )]
-    pub(super) views_settings: ViewSettings,
+    pub(super) neighbours: ViewSettings,
     pub(super) preserve_input: Preserve,
     /// Depths of the first and the last colour of colour maps.
     pub(super) range: Option<(f32, f32)>,
@@ -227,7 +227,7 @@ impl Settings {
             size,
             temporal,
             views,
-            views_settings: ViewSettings {
+            neighbours: ViewSettings {
                 only_past: views_past,
                 count: views_count.map_or(usual.count, |count| count as usize),
                 ..usual

@@ -11,8 +11,7 @@ use lsdc_core::Completer;
 use lsdc_files::CloudOptions;
 use lsdc_files::error::{Error, Result};
 use lsdc_node::{
-    Foxglove, Node, NodeConfig, NodeHandle, SystemClock, camera_info_beside,
-    conventional_topics,
+    Foxglove, Node, NodeConfig, NodeHandle, SystemClock, camera_info_beside, conventional_topics,
 };
 use lsdc_recordings::{FrameOptions, MessageType};
 use std::path::Path;

@@ -60,7 +60,7 @@ pub(super) fn attach(settings: &Settings, poses: &PoseSource, jobs: &mut [Job]) 
     }
     let views: Vec<PosedView> = sequence.iter().map(|one| one.view.clone()).collect();
     let all = (0..views.len()).into_par_iter();
-    let found = all.map(|own| neighbours(&views, own, &settings.views_settings));
+    let found = all.map(|own| neighbours(&views, own, &settings.neighbours));
     let found: Vec<Vec<usize>> = found.collect();
     for ((own, others), number) in found.into_iter().enumerate().zip(jobs_of_views) {
         let others = others.into_iter().map(|view| sequence[view].clone());
@@ -69,7 +69,7 @@ pub(super) fn attach(settings: &Settings, poses: &PoseSource, jobs: &mut [Job]) 
             views: FrameViews {
                 own: sequence[own].clone(),
                 others: others.collect(),
-                settings: settings.views_settings,
+                settings: settings.neighbours,
             },
         });
     }

@@ -71,7 +71,7 @@ impl RecordedViews {
         let mut found = Self {
             recorded,
             poses,
-            settings: settings.views_settings,
+            settings: settings.neighbours,
             noise: settings.noise,
             order: Vec::new(),
             state: Mutex::default(),
