@@ -168,7 +168,7 @@ def main():
         lap += 1
     time.sleep(2.0)
     processor, _ = usage(node)
-    node.send_signal(signal.SIGINT)
+    node.terminate()
     node.wait()
     with lock:
         times = sorted(received[key] - sent[key] for key in sent if key in received)

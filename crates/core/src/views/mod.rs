@@ -250,11 +250,22 @@ impl Scene {
         if carried.is_empty() {
             return Ok((alone, report));
         }
-        let together = self.complete(&joined(own, &carried))?;
+        let mut together = self.complete(&joined(own, &carried))?;
+        let mut judgement = self.judge(own, &alone, &together);
+        // Where something moved that no own point shows, what the image contradicts is not seen there.
+        if carried.iter().any(|point| point.is_doubtful) && !judgement.is_better() {
+            support::remove_doubtful(&mut carried, &mut report.views);
+            if carried.is_empty() {
+                return Ok((alone, report));
+            }
+            together = self.complete(&joined(own, &carried))?;
+            judgement = self.judge(own, &alone, &together);
+        }
         for point in &carried {
             report.views[point.view].carried += 1;
         }
-        if !self.is_better(own, &alone, &together, &mut report) {
+        report.errors = judgement.errors;
+        if !judgement.is_better() {
             report.outcome = ViewsOutcome::Rejected;
             return Ok((alone, report));
         }
@@ -262,14 +273,8 @@ impl Scene {
         Ok((together, report))
     }
 
-    /// Whether the other points predict the image's own points clearly better with the carried ones than without.
-    fn is_better(
-        &self,
-        own: &PosedView,
-        alone: &Completion,
-        together: &Completion,
-        report: &mut ViewsReport,
-    ) -> bool {
+    /// How well the other points predict the image's own points with the carried ones and without.
+    fn judge(&self, own: &PosedView, alone: &Completion, together: &Completion) -> Judgement {
         let points = own.observations().as_slice();
         let relative = |errors: Vec<f64>| -> Vec<f64> {
             let pairs = errors.into_iter().zip(points);
@@ -279,11 +284,30 @@ impl Scene {
         };
         let [before, after] = [alone, together].map(|fit| relative(fit.leave_one_out()));
         let tiles = tiles(points, self.size());
-        let Some(found) = Comparison::new(&tiles, &before, &[after]).best() else {
-            return false;
-        };
-        report.errors = Some([found.error, found.error_there]);
-        found.standard_errors >= BETTER
+        let sum_of_squares = |errors: &[f64]| errors.iter().map(|error| error * error).sum::<f64>();
+        let are_large_ones_larger = sum_of_squares(&after) > sum_of_squares(&before);
+        let found = Comparison::new(&tiles, &before, &[after]).best();
+        Judgement {
+            errors: found.map(|found| [found.error, found.error_there]),
+            standard_errors: found.map_or(0.0, |found| found.standard_errors),
+            are_large_ones_larger,
+        }
+    }
+}
+
+/// How the leave-one-out errors of the image's own points change with the carried points.
+struct Judgement {
+    /// Means, relative to the depths, without and with them; none without enough points.
+    errors: Option<[f64; 2]>,
+    /// The gain over its standard error.
+    standard_errors: f64,
+    /// Whether the root mean square rises: a few points behind something that is not there.
+    are_large_ones_larger: bool,
+}
+
+impl Judgement {
+    fn is_better(&self) -> bool {
+        self.standard_errors >= BETTER && !self.are_large_ones_larger
     }
 }
 

@@ -43,6 +43,16 @@ pub(super) fn check(own: &PosedView, carried: &mut Vec<Carried>, views: &mut [Vi
     });
 }
 
+/// Removes the carried points that the completion contradicts.
+pub(super) fn remove_doubtful(carried: &mut Vec<Carried>, views: &mut [ViewReport]) {
+    carried.retain(|point| {
+        if point.is_doubtful {
+            views[point.view].count_doubtful(point);
+        }
+        !point.is_doubtful
+    });
+}
+
 /// Whether the depth of a point is that of a carried one, as far as their standard deviations tell.
 fn agrees(point: &Carried, other: &Observation) -> bool {
     let deviation = point.deviation.hypot(relative_deviation(other));
