@@ -188,7 +188,7 @@ impl Scene {
     /// and what became of their points.
     ///
     /// A carried point keeps its own standard deviation, if it is known. Only measured points are carried, each once, never
-    /// completed depths: nothing is counted twice. There are two fits, to the own points and to all; without others, the
+    /// completed depths: nothing is counted twice. There are two fits, to the own points and to all, or three; without others, the
     /// result is that of [`Self::complete`].
     ///
     /// # Errors
