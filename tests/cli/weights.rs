@@ -118,7 +118,7 @@ fn licences_of_training_data_are_stated() {
     assert!(
         anything.starts_with(
             "          the weights, MIT OR Apache-2.0, trained on non-commercial data: RGB-D-D, Replica, \
-             GQ-CNN examples; data without a clear licence: NYU Depth v2, "
+             GQ-CNN examples, KITTI (calibration only); data without a clear licence: NYU Depth v2, "
         ),
         "{list}"
     );
