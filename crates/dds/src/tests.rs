@@ -291,7 +291,7 @@ fn a_participant_that_died_is_replaced() {
     network.run(DISCOVERY);
     let matched = |network: &Network| network.engines[0].2.writer_counts(writer).0.matched;
     assert_eq!(matched(&network), 1);
-    // It vanishes without a word, and another one comes.
+    // It ends without announcing that, and another one comes.
     network.engines[1].1 = DEAD;
     let next = network.join([10, 0, 0, 2]);
     network.reader(next, "image", Qos::DEFAULT);

@@ -425,3 +425,15 @@ fn neighbours_are_those_of_a_search_through_all() {
     }
     assert!(found > 1000, "{found}");
 }
+
+#[test]
+fn carried_points_that_enlarge_large_errors_do_not_join() {
+    let judgement = |standard_errors, are_large_ones_larger| Judgement {
+        errors: Some([0.02, 0.01]),
+        standard_errors,
+        are_large_ones_larger,
+    };
+    assert!(judgement(3.0, false).is_better());
+    assert!(!judgement(3.0, true).is_better());
+    assert!(!judgement(1.9, false).is_better());
+}

@@ -71,7 +71,7 @@ fn frames_in(path: &Path, options: &FrameOptions) -> (Recording, Frames) {
 
 type Outcome = Result<LiveFrame, crate::DroppedFrame>;
 
-/// What becomes of the images of messages, which are received at the times that they were recorded.
+/// The outcome for every image of the messages, which are received at the times that they were recorded.
 fn sent(live: &mut LiveFrames, messages: &[Sent], start: Duration) -> Vec<Outcome> {
     let mut found = Vec::new();
     let first = messages[0].log;
