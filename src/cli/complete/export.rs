@@ -1,7 +1,7 @@
 //! Workspaces for other programs, filled with the completed frames.
 
 use super::frame::Completed;
-use super::inputs::Job;
+use super::job::Job;
 use super::loaded::Loaded;
 use super::settings::Settings;
 use crate::cli::ui::{self, counted};

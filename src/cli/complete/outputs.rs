@@ -2,7 +2,7 @@
 
 use super::export::{Export, Exported};
 use super::frame::Completed;
-use super::inputs::Job;
+use super::job::Job;
 use super::loaded::Loaded;
 use super::record;
 use super::settings::{Destination, Settings};

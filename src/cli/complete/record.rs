@@ -1,7 +1,7 @@
 //! What the results of a frame were made from: kept below their folder, so that a later run uses only
 //! those again that it would make itself.
 
-use super::inputs::{Input, Job};
+use super::job::{Input, Job};
 use super::settings::Settings;
 use super::summary::Summary;
 use crate::cli::args::Recorded;

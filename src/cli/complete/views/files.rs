@@ -2,7 +2,7 @@
 
 use super::{FrameViews, FrameViewsSource, SequenceView};
 use crate::cli::args::PoseSource;
-use crate::cli::complete::inputs::Job;
+use crate::cli::complete::job::Job;
 use crate::cli::complete::loaded::with_noise;
 use crate::cli::complete::settings::Settings;
 use crate::cli::ui::{self, counted};

@@ -4,7 +4,7 @@ mod files;
 mod recorded;
 mod report;
 
-use super::inputs::Job;
+use super::job::Job;
 use super::settings::Settings;
 use crate::cli::ui;
 use lsdc_core::{Completion, PosedView, Scene, ViewSettings, ViewsReport};
