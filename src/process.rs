@@ -41,13 +41,22 @@ pub fn give_back_pages() {
     }
 }
 
-/// Lets all threads take memory from one heap, in a process that completes a single image: what one thread gives back
-/// then serves the others. With a heap for each thread, 300,000 points need a third more memory. Best called before
-/// other threads start; it changes nothing where the C library is not glibc.
+/// Keeps memory small in a process that completes a single image. Best called before other threads start; it changes nothing
+/// where the C library is not glibc.
+///
+/// - All threads take memory from one heap: what one thread gives back then serves the others. With a heap for each thread,
+///   300,000 points need a third more memory.
+/// - Large blocks, such as the factor of the field, are mappings of their own, which leave no holes in the heap, and freed
+///   pages go back to the system, unlike after [`keep_pages`]: 7 MB less at 640x480 pixels, 18 MB at 12 megapixels.
 pub fn share_heap() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    // SAFETY: the call takes two numbers, and may be made while other threads run.
-    unsafe {
-        libc::mallopt(libc::M_ARENA_MAX, 1);
+    for (option, value) in [
+        (libc::M_ARENA_MAX, 1),
+        (libc::M_MMAP_THRESHOLD, 2 << 20),
+        (libc::M_TRIM_THRESHOLD, 1 << 20),
+        (libc::M_TOP_PAD, 128 << 10),
+    ] {
+        // SAFETY: the call takes two numbers, and may be made while other threads run.
+        unsafe { libc::mallopt(option, value) };
     }
 }

@@ -1,22 +1,26 @@
 // Builds `dist`, which is committed: the program takes it in as it is. `--check` builds into a temporary folder and
 // fails if a byte differs; the output depends on sources and lock file alone. `--web FOLDER` builds the page that needs no
-// program, with the module and the weights of the npm package, which must be built.
+// program, with the module and the weights of the npm package, which must be built, and demo scenes.
 import { build } from "esbuild";
 import { cp, mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
+import { scenes } from "./demos.mjs";
 
 const here = fileURLToPath(new URL(".", import.meta.url));
 const committed = join(here, "dist");
 const LARGEST = 1_000_000;
 
-async function into(folder, entryPoints) {
+/** Builds the page; with `others`, scripts beside it, as a folder that needs no program. */
+async function into(folder, others = null) {
   await build({
     absWorkingDir: here,
-    entryPoints,
+    entryPoints: { app: "src/main.ts", ...others },
     outdir: folder,
+    define: { STATIC: String(others !== null) },
     bundle: true,
+    splitting: others !== null,
     minify: true,
     format: "esm",
     target: ["es2022", "chrome123", "firefox120", "safari17.5"],
@@ -35,11 +39,21 @@ async function contents(folder) {
 async function web(folder) {
   const [npm, room] = [join(here, "../../wasm/npm"), join(here, "../../../assets/room")];
   await mkdir(folder, { recursive: true });
-  await into(folder, { app: "src/web.ts", thread: join(npm, "src/thread.ts") });
+  await into(folder, { thread: join(npm, "src/thread.ts") });
   for (const file of ["lsdc.wasm", "weights/default.safetensors"]) await cp(join(npm, "dist", file), join(folder, file));
   for (const file of ["rgb.png", "sparse.npy"]) await cp(join(room, file), join(folder, "demo/room", file));
-  const demos = [{ name: "room", title: "A rendered room", image: "demo/room/rgb.png", points: "demo/room/sparse.npy" }];
+  const demos = [{ name: "room", title: "A rendered room, 500 depths", image: "demo/room/rgb.png", points: "demo/room/sparse.npy" }];
+  for (const { name, title, image, points } of scenes()) {
+    const demo = { name, title, image: `demo/${name}/rgb.png`, points: `demo/${name}/points.csv` };
+    await mkdir(join(folder, "demo", name), { recursive: true });
+    await writeFile(join(folder, demo.image), image);
+    await writeFile(join(folder, demo.points), ["u,v,depth", ...points, ""].join("\n"));
+    demos.push(demo);
+  }
   await writeFile(join(folder, "demo/demos.json"), JSON.stringify(demos));
+  // Where the program says what it has opened: here, that there is none.
+  await mkdir(join(folder, "v1"), { recursive: true });
+  await writeFile(join(folder, "v1/start"), JSON.stringify({ browser: true }));
 }
 
 if (process.argv[2] === "--web") {
@@ -49,7 +63,7 @@ if (process.argv[2] === "--web") {
 const check = process.argv.includes("--check");
 const folder = check ? await mkdtemp(join(tmpdir(), "lsdc-page-")) : committed;
 if (!check) await rm(folder, { recursive: true, force: true });
-await into(folder, { app: "src/view.ts" });
+await into(folder);
 const made = await contents(folder);
 const bytes = [...made.values()].reduce((sum, file) => sum + file.length, 0);
 console.log(`${made.size} files, ${(bytes / 1000).toFixed(1)} kB`);

@@ -35,6 +35,8 @@ pub(crate) struct Options {
     depth_kind: Option<String>,
     /// Metres: pixels with a larger standard deviation are left out of clouds.
     pub(crate) max_sigma: Option<f32>,
+    /// A share of the depth, with the same effect; without it, what counts as measured.
+    max_relative_sigma: Option<f32>,
     /// Metres: clouds have one point for each cube of this edge length.
     voxel: Option<f64>,
     /// Whether clouds keep the pixels between the surfaces at depth edges.
@@ -83,6 +85,7 @@ impl Options {
         let metres = [
             ("sigma", self.sigma.map(f64::from)),
             ("max_sigma", self.max_sigma.map(f64::from)),
+            ("max_relative_sigma", self.max_relative_sigma.map(f64::from)),
             ("voxel", self.voxel),
         ];
         for (name, value) in metres {
@@ -110,10 +113,11 @@ impl Options {
 
     /// Which pixels become points of a cloud.
     pub(crate) fn cloud(&self) -> CloudOptions {
+        let measured = DeviationLimits::MEASURED as f32;
         CloudOptions {
             limits: DeviationLimits {
                 absolute: self.max_sigma,
-                relative: None,
+                relative: Some(self.max_relative_sigma.unwrap_or(measured)),
             },
             keep_flying: self.keep_flying,
             voxel: self.voxel,
@@ -178,6 +182,7 @@ mod tests {
             ("[1]", FaultKind::Malformed),
             ("{\"sigma\": -1}", FaultKind::Unusable),
             ("{\"max_sigma\": 0}", FaultKind::Unusable),
+            ("{\"max_relative_sigma\": -0.1}", FaultKind::Unusable),
             ("{\"voxel\": 0}", FaultKind::Unusable),
             ("{\"keep_flying\": \"yes\"}", FaultKind::Malformed),
             ("{\"depth_unit\": \"furlong\"}", FaultKind::Unusable),

@@ -7,7 +7,7 @@ import * as link from "./model/link.ts";
 import { count } from "./model/numbers.ts";
 import { assumed } from "./model/camera.ts";
 import { sampled, subset, type Point } from "./model/points.ts";
-import { DRAFT, renewed, VIEW, type Draft, type Fit, type View } from "./model/settings.ts";
+import { DRAFT, NO_LIMIT, renewed, VIEW, type Draft, type Fit, type View } from "./model/settings.ts";
 import { FORMATS, ServiceError, type Demo, type Format, type Intrinsics, type Service } from "./service.ts";
 import { Store, type Notice, type Pixel, type Scene } from "./state.ts";
 
@@ -250,7 +250,8 @@ export class App {
     await this.guarded("preparing the file", async () => {
       const points = draft.points.filter((_, i) => used[i]);
       const own = format === "ply" && !scene.camera;
-      const options = format === "ply" ? { ...draft.fit, max_sigma: view.cut, ...(view.flying && { keep_flying: true }) } : draft.fit;
+      const cloud = { max_sigma: view.cut, ...(view.unmeasured && { max_relative_sigma: NO_LIMIT }), ...(view.flying && { keep_flying: true }) };
+      const options = format === "ply" ? { ...draft.fit, ...cloud } : draft.fit;
       contents = own
         ? await this.service.cloud(scene, points, options, this.camera())
         : await this.service.download(scene.id, points, options, format);

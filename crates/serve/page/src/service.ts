@@ -79,7 +79,7 @@ export const FORMATS = {
 export type Format = keyof typeof FORMATS;
 
 /** A fit, and which pixels a cloud has. */
-export type Options = Fit & { readonly max_sigma?: number | null; readonly keep_flying?: boolean };
+export type Options = Fit & { readonly max_sigma?: number | null; readonly max_relative_sigma?: number; readonly keep_flying?: boolean };
 
 /** An image that was posted. */
 export interface Posted {

@@ -3,7 +3,7 @@
 use crate::client::{Reply, Running, asset, asset_path, completer, file, text};
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
 use lsdc_core::{Channels, Completion, Image, Scene};
-use lsdc_files::{Camera, CloudOptions, ColoredCloud, Sparse, read_rgb};
+use lsdc_files::{Camera, CloudOptions, ColoredCloud, DeviationLimits, Sparse, read_rgb};
 use lsdc_serve::Config;
 
 const CAMERA: &str = "260,260,151.5,113.5";
@@ -28,13 +28,15 @@ fn forms(found: &Completion) -> Vec<(&'static str, Vec<u8>)> {
     let rgb = read_rgb(&asset_path("rgb.png")).unwrap();
     let camera = Camera::pinhole([260.0; 2], [151.5, 113.5]);
     let camera = camera.resized((depth.width(), depth.height())).unwrap();
-    let cloud = ColoredCloud::new(
-        &depth,
-        Some(&deviation),
-        &rgb,
-        &camera,
-        &CloudOptions::default(),
-    );
+    // A pixel counts as not measured if its standard deviation is above a tenth of its depth.
+    let options = CloudOptions {
+        limits: DeviationLimits {
+            absolute: None,
+            relative: Some(0.1),
+        },
+        ..CloudOptions::default()
+    };
+    let cloud = ColoredCloud::new(&depth, Some(&deviation), &rgb, &camera, &options);
     vec![
         (
             "image/png",
@@ -142,6 +144,34 @@ fn every_form_is_that_of_the_library() {
             .json();
         check_report(&report, &found);
     }
+}
+
+#[test]
+fn clouds_leave_out_what_is_not_measured_and_count_it() {
+    let service = Running::new(Config::default());
+    let (rgb, camera) = (asset("rgb.png"), text("camera", CAMERA));
+    // Three points in the image: far from them, standard deviations are above a tenth of the depth.
+    let points = text("points", "[[20, 20, 2], [60, 40, 2.5], [40, 90, 2.2]]");
+    let image = file("image", "rgb.png", &rgb);
+    let mut counts = Vec::new();
+    for options in [
+        "{\"keep_flying\": true}",
+        "{\"keep_flying\": true, \"max_relative_sigma\": 0.1}",
+        "{\"keep_flying\": true, \"max_relative_sigma\": 1e6}",
+    ] {
+        let parts = [image, points, camera, text("options", options)];
+        let reply = service.post("/v1/complete", "application/x-ply", &parts);
+        assert_eq!(reply.status, 200, "{reply:?}");
+        let report = reply.header("lsdc-report").unwrap();
+        let report: serde_json::Value = serde_json::from_str(report).unwrap();
+        let count = |name: &str| report["cloud"][name].as_u64().unwrap();
+        assert_eq!(count("points") + count("uncertain"), 304 * 228, "{options}");
+        counts.push(count("uncertain"));
+    }
+    let [by_default, given, none] = counts[..] else {
+        unreachable!()
+    };
+    assert!(by_default > 0 && by_default == given && none == 0, "{counts:?}");
 }
 
 /// What is said of each point.

@@ -3,6 +3,7 @@
 import { Completer, LsdcError, type Completion, type Scene } from "../../../../wasm/npm/src/worker.ts";
 import type { Layers } from "../model/layers.ts";
 import { row, type Point } from "../model/points.ts";
+import { MEASURED } from "../model/settings.ts";
 import { ServiceError, type Asked, type Demo, type Options, type PostedScene, type Service } from "../service.ts";
 import { leftOut, read, READS, refused, type Read } from "./read.ts";
 import { cloudPly, depthPng } from "./write.ts";
@@ -71,8 +72,8 @@ class BrowserService implements Service {
   async cloud({ id }: { readonly id: string }, points: readonly Point[], options: Options, camera: Parameters<typeof cloudPly>[2]): Promise<Blob> {
     const { scene, pixels } = this.get(id);
     const found = await this.complete(scene, points, options, ["depth", "standard_deviation"]);
-    const cut = { maxSigma: options.max_sigma ?? null, keepFlying: options.keep_flying ?? false };
-    return cloudPly(layers(found, points, []), pixels.data, camera, cut);
+    const { max_sigma: absolute = null, max_relative_sigma: relative = MEASURED, keep_flying: keepFlying = false } = options;
+    return cloudPly(layers(found, points, []), pixels.data, camera, { absolute: absolute ?? Infinity, relative, keepFlying });
   }
 
   private complete(scene: Scene, points: readonly Point[], { robust, fit, prior, sigma }: Options, asked: readonly Asked[]): Promise<Completion> {

@@ -21,16 +21,24 @@ export async function depthPng({ width, height, depth }: Layers): Promise<Blob> 
   return png.write({ width, height, values, perMetre });
 }
 
-/** A coloured cloud in the frame of the camera, without flying pixels and those above a deviation, unless they are kept. */
+/** Which pixels a cloud leaves out: the largest standard deviations, in metres and as a share of the depth, and whether flying
+ *  pixels stay. */
+export interface Cut {
+  readonly absolute: number;
+  readonly relative: number;
+  readonly keepFlying: boolean;
+}
+
+/** A coloured cloud in the frame of the camera. */
 export function cloudPly(
   { width, height, depth, deviation }: Layers,
   colours: Uint8ClampedArray,
   { fx, fy, cx, cy }: Intrinsics,
-  cut: { readonly maxSigma: number | null; readonly keepFlying: boolean },
+  { absolute, relative, keepFlying }: Cut,
 ): Blob {
-  const { maxSigma } = cut;
-  const flying = cut.keepFlying ? null : flyingPixels(depth, width, height, { fx, fy, cx, cy });
-  const kept = Array.from(depth.keys()).filter((i) => !flying?.[i] && !(maxSigma !== null && deviation && deviation[i]! > maxSigma));
+  const flying = keepFlying ? null : flyingPixels(depth, width, height, { fx, fy, cx, cy });
+  const isSure = (i: number) => !deviation || !(deviation[i]! > absolute || deviation[i]! > relative * depth[i]!);
+  const kept = Array.from(depth.keys()).filter((i) => !flying?.[i] && isSure(i));
   const size = deviation ? 19 : 15;
   const body = new DataView(new ArrayBuffer(size * kept.length));
   kept.forEach((i, place) => {

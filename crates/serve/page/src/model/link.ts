@@ -72,6 +72,7 @@ const VIEW_FORMS: { [Key in keyof View]: Form<View[Key]> } = {
   cloud: one(CLOUDS),
   cut: orNull(number(6, 0)),
   flying: yesOrNo,
+  unmeasured: yesOrNo,
   field: number(6, 5, 170),
   orbit,
   theme: one(THEMES),

@@ -52,6 +52,8 @@ export interface View {
   readonly cut: number | null;
   /** Whether the cloud keeps flying pixels. */
   readonly flying: boolean;
+  /** Whether it keeps pixels that count as not measured. */
+  readonly unmeasured: boolean;
   /** Horizontal field of view in degrees, for images without a camera. */
   readonly field: number;
   readonly orbit: Orbit;
@@ -72,13 +74,19 @@ export const VIEW: View = {
   cloud: "image",
   cut: null,
   flying: false,
+  unmeasured: false,
   field: 60,
   orbit: ORBIT,
   theme: "auto",
 };
 
+/** A pixel whose standard deviation is a larger share of its depth counts as not measured, as for `lsdc complete`. */
+export const MEASURED = 0.1;
+/** A share that no standard deviation exceeds. */
+export const NO_LIMIT = 1e6;
+
 /** The view of another image: what depends on its depths or its camera is as at the start. */
 export const renewed = (view: View): View =>
-  ({ ...view, low: VIEW.low, high: VIEW.high, cut: VIEW.cut, flying: VIEW.flying, field: VIEW.field, orbit: VIEW.orbit });
+  ({ ...view, low: VIEW.low, high: VIEW.high, cut: VIEW.cut, flying: VIEW.flying, unmeasured: VIEW.unmeasured, field: VIEW.field, orbit: VIEW.orbit });
 
 export const isMap = (name: string): name is MapName => (MAPS as readonly string[]).includes(name);

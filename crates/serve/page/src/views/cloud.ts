@@ -6,7 +6,7 @@ import { table } from "../model/colours.ts";
 import { flyingPixels } from "../model/flying.ts";
 import { metres } from "../model/numbers.ts";
 import type { Point } from "../model/points.ts";
-import { CLOUDS, ORBIT, type Orbit } from "../model/settings.ts";
+import { CLOUDS, MEASURED, ORBIT, type Orbit, type View } from "../model/settings.ts";
 import type { Answer, State } from "../state.ts";
 import type { Intrinsics } from "../service.ts";
 import { colour, depthRange, isOutlier, scale } from "./marks.ts";
@@ -35,6 +35,8 @@ export class Cloud {
   });
   private readonly flying = check("Leave out flying pixels",
     "Those between the surfaces at a depth edge, where there is nothing", (left) => this.app.look({ flying: !left }));
+  private readonly measured = check("Leave out what is not measured",
+    "Pixels whose standard deviation is above a tenth of their depth", (left) => this.app.look({ unmeasured: !left }));
   private pixels: Pixels | null = null;
   private renderer: Renderer | null = null;
   private drawn: unknown[] = [];
@@ -56,7 +58,7 @@ export class Cloud {
     this.element = h("section", { class: "pane cloud", "aria-label": "Point cloud" },
       h("header", {}, h("h2", {}, "Cloud"), this.source.element, reset),
       this.area,
-      h("footer", {}, this.cut.element, this.flying.element));
+      h("footer", {}, this.cut.element, this.flying.element, this.measured.element));
     this.start();
     this.listen();
     new ResizeObserver(() => this.redraw()).observe(this.area);
@@ -86,6 +88,7 @@ export class Cloud {
     const { answer, view, draft, used, selected, cursor, scene, fitting } = state;
     this.source.set(view.cloud);
     this.flying.set(!view.flying);
+    this.measured.set(!view.unmeasured);
     const high = answer?.highDeviation ?? 1;
     this.cut.set(view.cut === null ? STEPS : Math.min(STEPS - 1, Math.round(STEPS * Math.sqrt(view.cut / high))));
     const { clientWidth: width, clientHeight: height } = this.area;
@@ -106,7 +109,7 @@ export class Cloud {
     const density = sized(this.canvas, width, height);
     const camera = this.app.camera();
     this.eye = eye(view.orbit, this.middle, this.tangent(), width, height);
-    const pixels = this.chosen(answer, camera, view.flying, view.cut);
+    const pixels = this.chosen(answer, camera, view);
     renderer.load(answer.layers.width, answer.layers.height, pixels.depth, answer.deviation, scene.picture);
     const deviation = view.cloud === "deviation";
     const look = {
@@ -119,7 +122,9 @@ export class Cloud {
       cut: view.cut ?? 3e38,
     };
     renderer.draw(look, this.marks(state), this.lines(state));
-    this.flying.note(view.flying ? "" : `${(100 * pixels.flying).toFixed(1)} %`);
+    const share = (part: number) => `${(100 * part).toFixed(1)} %`;
+    this.flying.note(view.flying ? "" : share(pixels.flying));
+    this.measured.note(view.unmeasured || !answer.deviation ? "" : share(pixels.unmeasured));
     this.say(this.why(pixels));
     if (look.thinning > 1) return;
     const started = performance.now();
@@ -127,32 +132,37 @@ export class Cloud {
   }
 
   /** The pixels of the cloud, which are found anew where what they depend on has changed. */
-  private chosen(answer: Answer, camera: Intrinsics, flying: boolean, cut: number | null): Pixels {
+  private chosen(answer: Answer, camera: Intrinsics, { flying, unmeasured, cut }: View): Pixels {
     const { depth, width, height } = answer.layers;
-    const key = [depth, flying || camera.fx, flying || camera.fy, cut, cut === null || answer.deviation];
+    const deviation = cut === null && unmeasured ? null : answer.deviation;
+    const key = [depth, flying || camera.fx, flying || camera.fy, unmeasured, cut, deviation];
     if (this.pixels && key.every((part, i) => part === this.pixels!.key[i])) return this.pixels;
     const stride = strideOf(width, height);
     const out = flying ? null : flyingPixels(depth, width, height, camera, stride);
-    const kept = out ? depth.slice() : depth;
-    const deviation = cut === null ? null : answer.deviation;
+    const most = unmeasured ? Infinity : MEASURED;
+    const kept = out || deviation ? depth.slice() : depth;
     const drawn: number[] = [];
-    let [all, left] = [0, 0];
+    let [all, left, unsure] = [0, 0, 0];
     for (let v = 0; v < height; v += stride) {
       for (let i = v * width; i < (v + 1) * width; i += stride) {
         all++;
-        if (out?.[i]) {
+        if (deviation && deviation[i]! > most * depth[i]!) {
+          unsure++;
+          kept[i] = 0;
+        } else if (out?.[i]) {
           left++;
           kept[i] = 0;
-        } else if (!deviation || !(deviation[i]! > cut!)) drawn.push(i);
+        } else if (cut === null || !deviation || !(deviation[i]! > cut)) drawn.push(i);
       }
     }
     const step = Math.max(1, Math.floor(drawn.length / SAMPLE));
     const sample = drawn.filter((_, at) => at % step === 0).map((i) => ({ u: i % width, v: Math.floor(i / width), depth: depth[i]! }));
-    return (this.pixels = { key, depth: kept, flying: left / all, isCut: cut !== null, sample });
+    return (this.pixels = { key, depth: kept, flying: left / all, unmeasured: unsure / all, isCut: cut !== null, sample });
   }
 
   /** Why nothing can be seen; null if something can. */
-  private why({ sample, isCut }: Pixels): string | null {
+  private why({ sample, isCut, unmeasured }: Pixels): string | null {
+    if (sample.length === 0 && unmeasured === 1) return "No pixel counts as measured: give more points, or keep such pixels with the box below.";
     if (sample.length === 0) return isCut ? "All pixels are above the cut. Move its slider to the right." : "All pixels are left out.";
     const { clientWidth: width, clientHeight: height } = this.area;
     const inSight = sample.some((point) => {
@@ -301,10 +311,11 @@ export class Cloud {
 
 interface Pixels {
   readonly key: readonly unknown[];
-  /** 0 where a flying pixel is left out. */
+  /** 0 where a pixel is left out that flies or is not measured. */
   readonly depth: Float32Array;
-  /** The share of those, of all that could be drawn. */
+  /** The shares of these, of all that could be drawn. */
   readonly flying: number;
+  readonly unmeasured: number;
   readonly isCut: boolean;
   /** Some of those that are kept, evenly. */
   readonly sample: readonly Point[];

@@ -18,6 +18,7 @@ export function command({ scene, draft, view }: State): { points: string; text: 
     robust && `--robust ${robust}`, fit && `--fit ${fit}`, prior && `--prior ${prior}`,
     scene.cameraFile ? `--camera ${quoted(scene.cameraFile.name)}` : cloud && `--camera ${numbers(assumed(scene, view.field))}`,
     cloud && `--max-sigma ${Number(view.cut!.toPrecision(3))} --formats ply`,
+    cloud && view.unmeasured && "--max-relative-sigma 1e6",
     cloud && view.flying && "--keep-flying",
   ].filter(Boolean);
   return { points, text: ["lsdc complete", quoted(scene.name), quoted(points), ...flags].join(" ") };

@@ -20,6 +20,7 @@ export class StartPage {
   }
 
   list(demos: readonly Demo[]): void {
+    this.demos.classList.toggle("several", demos.length > 1);
     this.demos.replaceChildren(...demos.map((demo) =>
       h("button", { type: "button", class: "demo", onclick: () => void this.app.openDemo(demo) },
         h("img", { src: demo.image, alt: "", loading: "lazy" }),

@@ -10,6 +10,7 @@ import { extname, join, normalize } from "node:path";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import { read as readNpy } from "../../src/model/npy.ts";
+import { count } from "../../src/model/numbers.ts";
 import { read as readPng } from "../../src/browser/png.ts";
 import { close, depthAt, launch, openDemo, openImage, picture, ROOM, rows, setDepth, settled, visit, type Visit } from "../support.ts";
 
@@ -68,6 +69,35 @@ test("the demo is completed as by the native library", async (t) => {
   await picture(page, "static-1280-light");
 });
 
+test("the demo scenes are rendered from depths that are known", async () => {
+  assert.deepEqual(await page.locator(".demo strong").allInnerTexts(),
+    ["A rendered room, 500 depths", "A warehouse, sixteen beams of a laser scanner", "A desk, 48 depths"]);
+  await picture(page, "static-start-1280-light");
+  // What demos.mjs places there: the wall at the end, and the front of a box; a screen.
+  const known: readonly [string, number, readonly [number, number, number][]][] =
+    [["warehouse", 1616, [[170, 80, 19], [218, 170, 5.2]]], ["desk", 48, [[110, 110, 1.75], [150, 130, 1.75]]]];
+  for (const [name, many, depths] of known) {
+    await page.goto(new URL(`#demo=${name}`, page.url()).href);
+    await page.reload();
+    const used = `${count(many)} of ${count(many)}`;
+    await page.waitForFunction((used) => document.querySelector(".settings")?.textContent?.includes(used), used);
+    await settled(page);
+    for (const [u, v, depth] of depths) close(await depthAt(page, u, v), depth, 0.03 * depth);
+    await picture(page, `static-${name}-1280-light`);
+  }
+  await page.setViewportSize({ width: 390, height: 844 });
+  await picture(page, "static-desk-390-light");
+  await page.click(".mark");
+  await picture(page, "static-start-390-light", true);
+});
+
+test("a program at the same address is used instead", async () => {
+  await page.route("**/v1/start", (route) => route.fulfill({ json: { image: null } }));
+  await page.route("**/v1/demo", (route) => route.fulfill({ json: [] }));
+  await page.reload();
+  await page.waitForFunction(() => document.querySelector(".start .why")?.textContent?.includes("EXR".toLowerCase()));
+});
+
 test("clicked depths make a map that goes through them", async (t) => {
   await openImage(page, join(ROOM, "rgb.png"));
   await page.waitForSelector('body[data-showing="work"]');
@@ -120,9 +150,9 @@ test("downloads hold the map", async () => {
   png.values.forEach((value, i) => close(value / 1000, native[i]!, 0.00061));
   const ply = await taken("PLY");
   const end = ply.indexOf("end_header\n") + 11;
-  const count = Number(/element vertex (\d+)/.exec(ply.toString("latin1", 0, end))![1]);
-  assert.equal(ply.length, end + 19 * count);
-  assert.ok(count > 0.9 * 304 * 228 && count <= 304 * 228);
+  const vertices = Number(/element vertex (\d+)/.exec(ply.toString("latin1", 0, end))![1]);
+  assert.equal(ply.length, end + 19 * vertices);
+  assert.ok(vertices > 0.9 * 304 * 228 && vertices <= 304 * 228);
   const report = JSON.parse((await taken("JSON")).toString("utf8"));
   assert.deepEqual(report.points, { given: 500, used: 500, ignored: 0, outside: 0, without_deviation: 0 });
   // A depth map that the page has written is read with its unit, as points at every pixel that has one.

@@ -77,10 +77,16 @@ test("an array of rows is a list of points", async () => {
 });
 
 test("a cloud has the pixels below the cut, in the frame of the camera", async () => {
-  const layers = { width: 2, height: 2, depth: Float32Array.of(1, 2, 3, 4), deviation: Float32Array.of(0.1, 0.5, 0.1, 0.1), points: [], report: {} };
+  const layers = { width: 2, height: 2, depth: Float32Array.of(1, 2, 3, 4), deviation: Float32Array.of(0.125, 0.5, 0.1, 0.1), points: [], report: {} };
   const colours = Uint8ClampedArray.from({ length: 16 }, (_, i) => 10 * i);
-  const blob = cloudPly(layers, colours, { fx: 2, fy: 4, cx: 0.5, cy: 0.5 }, { maxSigma: 0.3, keepFlying: true });
-  const bytes = Buffer.from(await blob.arrayBuffer());
+  const cloud = async (absolute: number, relative: number) => {
+    const blob = cloudPly(layers, colours, { fx: 2, fy: 4, cx: 0.5, cy: 0.5 }, { absolute, relative, keepFlying: true });
+    return Buffer.from(await blob.arrayBuffer());
+  };
+  // Of 1 m, 0.125 m are an eighth; of 2 m, 0.5 m are a quarter.
+  for (const [absolute, relative, count] of [[Infinity, Infinity, 4], [Infinity, 0.125, 3], [Infinity, 0.1, 2], [0.11, 0.2, 2]] as const)
+    assert.match((await cloud(absolute, relative)).toString("latin1"), new RegExp(`element vertex ${count}\n`));
+  const bytes = await cloud(0.3, 0.2);
   const start = bytes.indexOf("end_header\n") + 11;
   assert.match(bytes.toString("latin1", 0, start), /element vertex 3\n/);
   const last = start + 2 * 19;

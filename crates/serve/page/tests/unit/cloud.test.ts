@@ -56,6 +56,6 @@ test("planes seen from the side do not fly, nor sharp edges, nor what has no dep
 
 test("another image has a cut and a view of its own", () => {
   const orbit = { ...VIEW.orbit, yaw: 2 };
-  const view = { ...VIEW, cut: 0.04, flying: true, orbit, low: 1, high: 2, field: 90, theme: "dark", layer: "deviation", opacity: 0.5 } as const;
+  const view = { ...VIEW, cut: 0.04, flying: true, unmeasured: true, orbit, low: 1, high: 2, field: 90, theme: "dark", layer: "deviation", opacity: 0.5 } as const;
   assert.deepEqual(renewed(view), { ...VIEW, theme: "dark", layer: "deviation", opacity: 0.5 });
 });

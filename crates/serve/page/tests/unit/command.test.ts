@@ -21,6 +21,7 @@ test("a cloud has the camera that the page assumes", () => {
   assert.equal(text({}, { cut: 0.0441 }),
     "lsdc complete 'my view.jpg' points.csv --camera 554.256,554.256,319.5,239.5 --max-sigma 0.0441 --formats ply");
   assert.match(text({}, { cut: 0.1, flying: true }), / --keep-flying$/);
+  assert.match(text({}, { cut: 0.1, unmeasured: true }), / --max-relative-sigma 1e6$/);
   assert.match(text({}, { cut: 0.1, field: 90 }), /--camera 320,320,319\.5,239\.5 /);
 });
 

@@ -7,7 +7,7 @@ const FULL: { fit: Fit; view: View } = {
   fit: { robust: "gm", fit: "lse", prior: "flat", sigma: 0.025 },
   view: {
     layer: "deviation", opacity: 0.4, marks: "outlier", marksOpacity: 0.75, colours: "turbo", low: 0.5, high: 8, cloud: "depth",
-    flying: true, cut: 0.15, field: 71, orbit: { yaw: -1.25, pitch: 0.5, distance: 2, x: 0.1, y: -0.2, z: 0.3 }, theme: "dark",
+    flying: true, unmeasured: true, cut: 0.15, field: 71, orbit: { yaw: -1.25, pitch: 0.5, distance: 2, x: 0.1, y: -0.2, z: 0.3 }, theme: "dark",
   },
 };
 
