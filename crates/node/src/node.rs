@@ -241,6 +241,7 @@ impl Back {
         status.late = governor.late;
         status.latency = Some(latency);
         status.age = Some(now.saturating_sub(times.received));
+        status.alone += u64::from(shared.engine.has_views() && facts.carried.is_none());
         status.facts = facts;
     }
 }
@@ -259,6 +260,7 @@ impl Node {
         transport: &mut dyn Transport,
     ) -> Result<Self> {
         let engine = Engine::new(&config, completer, small);
+        let has_views = engine.has_views();
         let governor = Governor::new(config.max_latency, engine.has_small_weights());
         let publishers = advertise(&config, transport)?;
         let diagnostics = transport.advertise(&Advertisement {
@@ -279,9 +281,10 @@ impl Node {
             }),
             clock,
         });
+        let live = LiveFrames::new(config.topics.clone(), &config.frames, config.patience);
         let front = Front {
-            image_topic: config.topics.image.0.clone(),
-            live: LiveFrames::new(config.topics, &config.frames, config.patience),
+            image_topic: config.topics.image.0,
+            live: if has_views { live.with_poses() } else { live },
             held: None,
             diagnostics,
             name: config.name,
