@@ -12,6 +12,9 @@ pub struct NodeConfig {
     pub name: String,
     /// What is subscribed to.
     pub topics: FrameTopics,
+    /// Whether lost messages of images, points and cameras are requested again, which best-effort publishers do not serve: a
+    /// reliable subscription does not match them.
+    pub reliable: bool,
     /// How points are matched to images. Names of topics in it are not used.
     pub frames: FrameOptions,
     /// How long an image waits for points and transforms after its receipt.
@@ -40,6 +43,7 @@ impl NodeConfig {
         Self {
             name: "lsdc".to_owned(),
             topics,
+            reliable: false,
             frames: FrameOptions::default(),
             // A turn of a scanner at 10 Hz, of which the cloud comes at the end, twice.
             patience: Duration::from_millis(200),

@@ -418,9 +418,11 @@ fn subscribe(
     transport: &mut dyn Transport,
 ) -> Result<Vec<usize>> {
     let topics = &config.topics;
-    let one = |(name, kind): &(String, MessageType), limit| {
-        (name.clone(), *kind, Qos::SENSOR_DATA, limit)
+    let qos = Qos {
+        reliable: config.reliable,
+        ..Qos::SENSOR_DATA
     };
+    let one = |(name, kind): &(String, MessageType), limit| (name.clone(), *kind, qos, limit);
     let mut wanted = vec![one(&topics.image, IMAGES), one(&topics.points, OTHERS)];
     for info in [&topics.camera_info, &topics.depth_info]
         .into_iter()
@@ -429,7 +431,7 @@ fn subscribe(
         let known = wanted.iter().any(|(name, ..)| name == info);
         if !known && config.frames.camera.is_none() {
             let kind = MessageType::CameraInfo;
-            wanted.push((info.clone(), kind, Qos::SENSOR_DATA, OTHERS));
+            wanted.push((info.clone(), kind, qos, OTHERS));
         }
     }
     for tf in &topics.tf {

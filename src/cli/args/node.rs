@@ -75,6 +75,9 @@ pub(in crate::cli) struct NodeArgs {
         hide_short_help = true
     )]
     pub(in crate::cli) tf: Vec<String>,
+    /// Have lost messages of images, points and cameras sent again. Their publishers must be reliable, too.
+    #[arg(long, help_heading = "Input", hide_short_help = true)]
+    pub(in crate::cli) reliable: bool,
     /// Frame in which the motion between the times of points and image is measured [default: odom, or the topmost frame].
     #[arg(
         long,

@@ -118,6 +118,7 @@ fn config(args: &NodeArgs) -> Result<NodeConfig> {
     let time = |seconds: Option<f64>, usual| seconds.map_or(usual, Duration::from_secs_f64);
     Ok(NodeConfig {
         name: args.name.clone().unwrap_or(usual.name),
+        reliable: args.reliable,
         frames: FrameOptions {
             fixed: args.fixed_frame.clone(),
             tolerance: time(args.tolerance, usual.frames.tolerance),

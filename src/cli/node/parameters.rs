@@ -63,7 +63,14 @@ fn options(path: &Path, found: &Parameters, given: &[String]) -> Result<Vec<Stri
 
 /// Whether an option has no value.
 fn is_flag(name: &str) -> bool {
-    ["standard_deviation", "outliers", "cloud", "views"].contains(&name)
+    [
+        "standard_deviation",
+        "outliers",
+        "cloud",
+        "views",
+        "reliable",
+    ]
+    .contains(&name)
 }
 
 /// The arguments of the command line with more options.

@@ -1,6 +1,6 @@
 //! Messages that are damaged, by accident or on purpose.
 
-use super::sent::damaged;
+use super::sent::{Sent, damaged};
 use super::{Robot, frames, messages};
 use crate::NodeConfig;
 use lsdc_rng::Rng;
@@ -12,7 +12,10 @@ fn damaged_messages_are_counted_and_the_node_lives_on() {
     for copy in 0..8 {
         let mut rng = Rng::stream(copy, &["node"]);
         let mut robot = Robot::new(NodeConfig::new(frames.topics().clone()));
-        let damaged = intact.iter().map(|message| damaged(message, 0.4, &mut rng));
+        let damaged = intact.iter().map(|message| Sent {
+            data: damaged(&message.data, 0.4, &mut rng),
+            ..message.clone()
+        });
         robot.play(&damaged.collect::<Vec<_>>());
         let status = robot.node.status();
         assert_eq!((status.images, status.waiting()), (6, 0), "{status:?}");

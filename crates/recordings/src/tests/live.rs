@@ -247,7 +247,10 @@ fn damaged_messages_do_no_harm() {
             mixed.push(message.clone());
             // Motion may be wrong, but no message is waited for twice.
             if rng.chance(0.5) {
-                mixed.push(damaged(message, 0.3, &mut rng));
+                mixed.push(Sent {
+                    data: damaged(&message.data, 0.3, &mut rng),
+                    ..message.clone()
+                });
             }
         }
         let images = mixed.iter().filter(|m| m.topic == frames.topics().image.0);

@@ -58,9 +58,9 @@ pub(super) fn earlier(messages: &[Sent], seconds: i32) -> Vec<Sent> {
     messages.iter().map(shifted).collect()
 }
 
-/// The message cut short with a probability, or else with some bytes of its beginning replaced.
-pub(super) fn damaged(message: &Sent, cut_short: f32, rng: &mut Rng) -> Sent {
-    let mut data = message.data.clone();
+/// The bytes of a message cut short with a probability, or else with some of the first replaced, which say how long things are.
+pub(super) fn damaged(data: &[u8], cut_short: f32, rng: &mut Rng) -> Vec<u8> {
+    let mut data = data.to_vec();
     if rng.chance(cut_short) {
         data.truncate(rng.below(data.len() as u32) as usize);
     } else {
@@ -68,8 +68,5 @@ pub(super) fn damaged(message: &Sent, cut_short: f32, rng: &mut Rng) -> Sent {
         let end = (at + 1 + rng.below(8) as usize).min(data.len());
         data[at..end].fill([0xff, 0x7f, 0, 1][rng.below(4) as usize]);
     }
-    Sent {
-        data,
-        ..message.clone()
-    }
+    data
 }
