@@ -1,13 +1,16 @@
 """Plays a recording to `lsdc node` by Eclipse Cyclone DDS, and measures what comes back.
 
     pip install cyclonedds mcap
-    python scripts/peers/node.py target/release/lsdc drive.mcap --image /camera/image_raw --points /lidar/points \
+    python scripts/recordings.py drive 60 /tmp/drive     # makes a recording; needs more packages, which it names
+    python scripts/peers/node.py target/release/lsdc /tmp/drive/drive.mcap --image /camera/image_raw --points /lidar/points \\
         --rate 10 --seconds 600
 
-Images are sent at a rate, other messages of the recording at their times beside them; the recording is repeated with later
-stamps. Prints how many images were sent, how many depths were received, the latency from sending an image to receiving its
-depth, and processor time and memory of the node. In the end the node says what became of every image. With --kill, the node is
-killed (SIGKILL) and started again so many times.
+Images are sent at a rate by a process of its own, other messages of the recording at their times beside them; the recording is
+repeated with later stamps. Prints how many images were sent, how many depths were received, the latency from sending an image
+to receiving its depth, and processor time and memory of the node. Diagnostics and, in the end, the node say what became of
+every image. With --kill N, node and player are each killed (SIGKILL) and started again N times. --within starts the node by
+another command, such as `ip netns exec NAME`. --loss says that images may be lost on their way. Options that are not listed
+are those of the node.
 """
 
 import argparse
@@ -16,12 +19,16 @@ import re
 import signal
 import struct
 import subprocess
+import sys
 import tempfile
 import threading
 import time
+from dataclasses import dataclass
 
 from cyclonedds.core import Listener
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import sequence, uint8
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -32,6 +39,27 @@ import dds
 DOMAIN = 88
 TYPES = {f"sensor_msgs/msg/{kind.__name__}": kind for kind in [dds.Image, dds.CompressedImage, dds.CameraInfo, dds.PointCloud2]}
 TYPES["tf2_msgs/msg/TFMessage"] = dds.TFMessage
+
+
+@dataclass
+class KeyValue(IdlStruct, typename="diagnostic_msgs::msg::dds_::KeyValue_"):
+    key: str
+    value: str
+
+
+@dataclass
+class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticStatus_"):
+    level: uint8
+    name: str
+    message: str
+    hardware_id: str
+    values: sequence[KeyValue]
+
+
+@dataclass
+class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticArray_"):
+    header: dds.Header
+    status: sequence[DiagnosticStatus]
 
 
 def as_bytes(kind, data):
@@ -84,12 +112,78 @@ def stamp(data):
 
 
 def usage(process):
-    """Processor time in seconds, and the peak of memory in MB."""
+    """Processor time in seconds, and memory in MB."""
     with open(f"/proc/{process.pid}/stat") as file:
         user, system = file.read().rsplit(")", 1)[1].split()[11:13]
     with open(f"/proc/{process.pid}/status") as file:
         memory = int(re.search(r"VmRSS:\s+(\d+)", file.read()).group(1)) / 1024
     return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK"), memory
+
+
+def play(args):
+    """Sends the messages, until it is killed; prints stamps and times of images, and the lap that the next player begins with."""
+    messages = []
+    with open(args.recording, "rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            messages.append((channel.topic, schema.name, message.data))
+    images = [data for topic, _, data in messages if topic == args.image]
+    (first, _), (last, _) = stamp(images[0]), stamp(images[-1])
+    period = last - first + 10
+    participant = DomainParticipant(DOMAIN)
+    writers = {}
+    for topic, kind in {(topic, kind) for topic, kind, _ in messages if kind in TYPES}:
+        quality = "latched" if topic.endswith("static") else "default"
+        writers[topic] = DataWriter(participant, Topic(participant, "rt" + topic, TYPES[kind]), qos=dds.qos(quality))
+    while len(writers[args.image].get_matched_subscriptions()) < 1:
+        time.sleep(0.1)
+    time.sleep(1.0)
+    begun, number, lap = time.monotonic(), 0, args.lap
+    while True:
+        for topic, kind, data in messages:
+            if topic not in writers or (topic.endswith("static") and lap > args.lap):
+                continue
+            data = later(data, kind, lap * period)
+            if topic == args.image:
+                wait = begun + number / args.rate - time.monotonic()
+                if wait > 0:
+                    time.sleep(wait)
+                number += 1
+                print(*stamp(data), time.monotonic(), lap, flush=True)
+            writers[topic].write(as_bytes(TYPES[kind], data))
+        lap += 1
+
+
+class Side:
+    """A process that is killed and started again."""
+
+    def __init__(self, command, **pipes):
+        self.command, self.pipes, self.spent, self.memory = command, pipes, 0.0, []
+        self.start()
+
+    def start(self):
+        self.process, self.first = subprocess.Popen(self.command(), **self.pipes), None
+
+    def measure(self):
+        self.now, memory = usage(self.process)
+        # Reading weights, before the first image, is no work for an image.
+        self.first = self.now if self.first is None else self.first
+        self.memory.append(memory)
+
+    def kill(self):
+        self.measure()
+        self.spent += self.now - self.first
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+
+def kinds_left_out(values):
+    """What a node said of images that it left out, by its diagnostics: after the first two values, before the latency."""
+    kinds = {}
+    for key, value in values[2:]:
+        if key == "latency":
+            break
+        kinds[key] = int(value)
+    return kinds
 
 
 def main():
@@ -101,28 +195,21 @@ def main():
     parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--kill", type=int, default=0)
+    parser.add_argument("--within", default="")
+    parser.add_argument("--loss", action="store_true")
+    parser.add_argument("--domain", type=int, default=88)
+    parser.add_argument("--lap", type=int, help=argparse.SUPPRESS)
     args, rest = parser.parse_known_args()
-
-    messages = []
-    with open(args.recording, "rb") as file:
-        reader = make_reader(file)
-        for schema, channel, message in reader.iter_messages():
-            messages.append((channel.topic, schema.name, message.data))
-    images = [data for topic, _, data in messages if topic == args.image]
-    (first, _), (last, _) = stamp(images[0]), stamp(images[-1])
-    period = last - first + 10
-
+    global DOMAIN
+    DOMAIN = args.domain
     os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
-    participant = DomainParticipant(DOMAIN)
-    writers = {}
-    for topic, kind in {(topic, kind) for topic, kind, _ in messages}:
-        if kind not in TYPES:
-            print(f"left out: {topic} of {kind}")
-            continue
-        quality = "latched" if topic.endswith("static") else "default"
-        writers[topic] = DataWriter(participant, Topic(participant, "rt" + topic, TYPES[kind]), qos=dds.qos(quality))
+    if args.lap is not None:
+        return play(args)
 
-    sent, received, lock = {}, {}, threading.Lock()
+    sent, received, said, lock = {}, {}, {}, threading.Lock()
+    runs, lap = 0, 0
+    participant = DomainParticipant(DOMAIN)
+    diagnostics = DataReader(participant, Topic(participant, "rt/diagnostics", DiagnosticArray), qos=dds.qos("default"))
     dds.Image.deserialize = Received
     depth = Topic(participant, "rt/lsdc/depth/image", dds.Image)
 
@@ -136,56 +223,74 @@ def main():
 
     reader = DataReader(participant, depth, qos=dds.qos("default"), listener=Take())
     log = tempfile.TemporaryFile("w+")
-    start = lambda: subprocess.Popen([args.program, "node", "--image", args.image, "--points", args.points, *rest],
-                                     stderr=log, stdout=log)
-    node = start()
-    while len(writers[args.image].get_matched_subscriptions()) < 1:
-        time.sleep(0.1)
-    time.sleep(1.0)
-    begun, number, memory, kills, lap = time.monotonic(), 0, [], 0, 0
-    spent = 0.0
+    node_command = [*args.within.split(), args.program, "node", "--image", args.image, "--points", args.points, *rest]
+    node = Side(lambda: node_command, stderr=log, stdout=log)
+    player_command = [sys.executable, __file__, args.program, args.recording, "--image", args.image, "--points", args.points]
+    player_command += ["--rate", str(args.rate), "--domain", str(DOMAIN), "--lap"]
+    player = Side(lambda: [*player_command, str(lap)], stdout=subprocess.PIPE, text=True)
+
+    def note(lines):
+        nonlocal lap
+        for line in lines:
+            second, nanosecond, at, now = line.split()
+            sent[int(second), int(nanosecond)] = float(at)
+            lap = int(now) + 1
+
+    reading = threading.Thread(target=note, args=(player.process.stdout,))
+    reading.start()
+    while not sent:
+        time.sleep(0.05)
+    begun, kills = time.monotonic(), 0
     while time.monotonic() - begun < args.seconds:
-        for topic, kind, data in messages:
-            if topic not in writers or (topic.endswith("static") and lap > 0):
-                continue
-            data = later(data, kind, lap * period)
-            if topic == args.image:
-                wait = begun + number / args.rate - time.monotonic()
-                if wait > 0:
-                    time.sleep(wait)
-                number += 1
-                sent[stamp(data)] = time.monotonic()
-                if number % 50 == 0:
-                    memory.append(usage(node)[1])
-            writers[topic].write(as_bytes(TYPES[kind], data))
-            if kills < args.kill and time.monotonic() - begun > (kills + 1) * args.seconds / (args.kill + 1):
-                spent += usage(node)[0]
-                node.send_signal(signal.SIGKILL)
-                node.wait()
-                node, kills = start(), kills + 1
-            if time.monotonic() - begun > args.seconds:
-                break
-        lap += 1
+        time.sleep(0.5)
+        node.measure()
+        for message in diagnostics.take(100):
+            if isinstance(message, DiagnosticArray):
+                values = [(value.key, value.value) for value in message.status[0].values]
+                said[runs] = values
+        if kills < 2 * args.kill and time.monotonic() - begun > (kills + 1) * args.seconds / (2 * args.kill + 1):
+            side, kills = [node, player][kills % 2], kills + 1
+            side.kill()
+            if side is player:
+                reading.join()
+            side.start()
+            if side is player:
+                reading = threading.Thread(target=note, args=(player.process.stdout,))
+                reading.start()
+            else:
+                runs += 1
+    player.kill()
+    reading.join()
     time.sleep(2.0)
-    processor, _ = usage(node)
-    node.terminate()
-    node.wait()
+    node.measure()
+    node.process.terminate()
+    node.process.wait()
+    log.seek(0)
+    text = log.read().strip()
     with lock:
         times = sorted(received[key] - sent[key] for key in sent if key in received)
-    log.seek(0)
-    said = log.read().strip()
-    print(said)
-    print(f"sent {len(sent)} images in {args.seconds:.0f} s, received {len(times)} depths")
-    at = lambda share: 1000 * times[min(int(share * len(times)), len(times) - 1)]
-    if times:
-        print(f"latency p50 {at(0.5):.0f} ms, p90 {at(0.9):.0f} ms, p99 {at(0.99):.0f} ms")
-    print(f"processor {(processor + spent) / args.seconds:.2f} cores; memory {' '.join(f'{m:.0f}' for m in memory[:: max(1, len(memory) // 8)])} MB")
-    counts = re.search(r"(\d+) received, (\d+) completed, (\d+) waiting", said.rsplit("node ", 1)[-1])
+    assert times, f"no depth was received\n{text}"
+    text = text.rsplit("node ", 1)[-1]
+    counts = re.search(r"(\d+) received, (\d+) completed, (\d+) waiting", text)
     seen, completed, waiting = map(int, counts.groups())
-    left_out = sum(map(int, re.findall(r"^left out  (\d+)", said.rsplit("node ", 1)[-1], re.M)))
-    assert seen == completed + waiting + left_out, "an image is not accounted for"
-    assert args.kill or (seen == len(sent) and completed == len(times)), "messages were lost"
-    assert times, "no depth was received"
+    left_out = {kind: int(count) for count, kind in re.findall(r"^left out  (\d+) (.*)$", text, re.M)}
+    assert seen == completed + waiting + sum(left_out.values()), "an image is not accounted for"
+    # Of nodes that were killed: what they said last, up to a second before.
+    for run, values in said.items():
+        if run < runs and values[0][0] == "images":
+            images, done, kinds = int(values[0][1]), int(values[1][1]), kinds_left_out(values)
+            assert 0 <= images - done - sum(kinds.values()) <= 20, f"an image is not accounted for: {values}"
+            seen, completed = seen + images, completed + done
+            for kind, count in kinds.items():
+                left_out[kind] = left_out.get(kind, 0) + count
+    print(f"sent {len(sent)} images in {args.seconds:.0f} s, received {len(times)} depths; {kills} kills")
+    print(f"said {seen} received, {completed} completed", *(f"{count} {kind}" for kind, count in left_out.items()), sep="; ")
+    at = lambda share: 1000 * times[min(int(share * len(times)), len(times) - 1)]
+    print(f"latency p50 {at(0.5):.0f} ms, p90 {at(0.9):.0f} ms, p99 {at(0.99):.0f} ms")
+    processor = node.spent + node.now - node.first
+    memory = " ".join(f"{m:.0f}" for m in node.memory[:: max(1, len(node.memory) // 20)])
+    print(f"processor {processor / args.seconds:.2f} cores, {1000 * processor / len(times):.0f} ms a depth; memory {memory} MB")
+    assert args.kill or args.loss or (seen == len(sent) and completed == len(times)), "messages were lost"
 
 
 if __name__ == "__main__":

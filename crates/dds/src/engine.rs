@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     net::{Ipv4Addr, SocketAddrV4},
+    ops::RangeBounds,
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -202,16 +203,7 @@ impl Engine {
         let announcement = data.write().into();
         self.publications.write(announcement, stamp, None, now, out);
         self.writers.insert(guid.entity, (data, writer));
-        for reader in self.remote_readers.values() {
-            match_writer(
-                &mut self.writers,
-                &self.peers,
-                &self.interfaces,
-                reader,
-                now,
-                out,
-            );
-        }
+        self.match_writers(.., now, out);
         guid.entity
     }
 
@@ -231,15 +223,7 @@ impl Engine {
         self.subscriptions
             .write(announcement, stamp, None, now, out);
         self.readers.insert(guid.entity, (data, reader));
-        for writer in self.remote_writers.values() {
-            match_reader(
-                &mut self.readers,
-                &self.peers,
-                &self.interfaces,
-                writer,
-                now,
-            );
-        }
+        self.match_readers(.., now);
         guid.entity
     }
 
@@ -577,25 +561,9 @@ impl Engine {
         self.publications_reader.tick(now, out);
         self.subscriptions_reader.tick(now, out);
         // Its addresses may have changed.
-        for reader in self.remote_readers.range(guid([0; 4])..=guid([0xff; 4])) {
-            match_writer(
-                &mut self.writers,
-                &self.peers,
-                &self.interfaces,
-                reader.1,
-                now,
-                out,
-            );
-        }
-        for writer in self.remote_writers.range(guid([0; 4])..=guid([0xff; 4])) {
-            match_reader(
-                &mut self.readers,
-                &self.peers,
-                &self.interfaces,
-                writer.1,
-                now,
-            );
-        }
+        let of_peer = guid([0; 4])..=guid([0xff; 4]);
+        self.match_writers(of_peer.clone(), now, out);
+        self.match_readers(of_peer, now);
     }
 
     fn remove_peer(&mut self, prefix: Prefix) {
@@ -647,21 +615,51 @@ impl Engine {
             self.not_admitted += 1;
             return Ok(());
         }
+        known.insert(guid, data);
         if is_writer {
-            match_reader(&mut self.readers, &self.peers, &self.interfaces, &data, now);
-            self.remote_writers.insert(guid, data);
+            self.match_readers(guid..=guid, now);
         } else {
-            match_writer(
-                &mut self.writers,
-                &self.peers,
-                &self.interfaces,
-                &data,
-                now,
-                out,
-            );
-            self.remote_readers.insert(guid, data);
+            self.match_writers(guid..=guid, now, out);
         }
         Ok(())
+    }
+
+    /// Matches the writers of this participant with readers of others.
+    fn match_writers(
+        &mut self,
+        others: impl RangeBounds<Guid>,
+        now: Instant,
+        out: &mut Vec<Datagram>,
+    ) {
+        for (_, reader) in self.remote_readers.range(others) {
+            let Some(to) = destination(&self.peers, &self.interfaces, reader) else {
+                continue;
+            };
+            for (data, writer) in self.writers.values_mut() {
+                if agree(data, reader) && data.qos.satisfies(reader.qos) {
+                    let Qos {
+                        reliable,
+                        transient_local,
+                        ..
+                    } = reader.qos;
+                    writer.add(reader.guid, to, reliable, transient_local, now, out);
+                }
+            }
+        }
+    }
+
+    /// Matches the readers of this participant with writers of others.
+    fn match_readers(&mut self, others: impl RangeBounds<Guid>, now: Instant) {
+        for (_, writer) in self.remote_writers.range(others) {
+            let Some(to) = destination(&self.peers, &self.interfaces, writer) else {
+                continue;
+            };
+            for (data, reader) in self.readers.values_mut() {
+                if agree(data, writer) && writer.qos.satisfies(data.qos) {
+                    reader.add(writer.guid, to.address, now);
+                }
+            }
+        }
     }
 
     /// The topics of ROS 2 that other participants read and write.
@@ -753,44 +751,4 @@ fn destination(
     interfaces
         .destination(&endpoint.addresses, peer.from)
         .or_else(|| interfaces.destination(&peer.data.messages, peer.from))
-}
-
-fn match_writer(
-    writers: &mut BTreeMap<EntityId, (EndpointData, Writer)>,
-    peers: &BTreeMap<Prefix, Peer>,
-    interfaces: &Interfaces,
-    reader: &EndpointData,
-    now: Instant,
-    out: &mut Vec<Datagram>,
-) {
-    for (data, writer) in writers.values_mut() {
-        if agree(data, reader)
-            && data.qos.satisfies(reader.qos)
-            && let Some(to) = destination(peers, interfaces, reader)
-        {
-            let Qos {
-                reliable,
-                transient_local,
-                ..
-            } = reader.qos;
-            writer.add(reader.guid, to, reliable, transient_local, now, out);
-        }
-    }
-}
-
-fn match_reader(
-    readers: &mut BTreeMap<EntityId, (EndpointData, Reader)>,
-    peers: &BTreeMap<Prefix, Peer>,
-    interfaces: &Interfaces,
-    writer: &EndpointData,
-    now: Instant,
-) {
-    for (data, reader) in readers.values_mut() {
-        if agree(data, writer)
-            && writer.qos.satisfies(data.qos)
-            && let Some(to) = destination(peers, interfaces, writer)
-        {
-            reader.add(writer.guid, to.address, now);
-        }
-    }
 }

@@ -1,5 +1,6 @@
 //! Topics and settings of the node.
 
+use lsdc_core::ViewSettings;
 use lsdc_files::CloudOptions;
 use lsdc_recordings::{FrameOptions, FrameTopics, MessageType};
 use std::time::Duration;
@@ -11,6 +12,9 @@ pub struct NodeConfig {
     pub name: String,
     /// What is subscribed to.
     pub topics: FrameTopics,
+    /// Whether lost messages of images, points and cameras are requested again, which best-effort publishers do not serve: a
+    /// reliable subscription does not match them.
+    pub reliable: bool,
     /// How points are matched to images. Names of topics in it are not used.
     pub frames: FrameOptions,
     /// How long an image waits for points and transforms after its receipt.
@@ -18,6 +22,9 @@ pub struct NodeConfig {
     /// How long image and points may take from the moment that both are there until the depth is published; quality is lowered
     /// to keep to it.
     pub max_latency: Option<Duration>,
+    /// Whether the measured points of earlier images join those of each image, carried over by the transforms: those of so many
+    /// neighbours, whatever `only_past` says. Not while quality is lowered.
+    pub views: Option<ViewSettings>,
     /// The topic of the depth; else `~/depth/image`.
     pub depth: Option<String>,
     /// Whether the depth is published in whole millimetres (16UC1), not in metres (32FC1).
@@ -36,10 +43,12 @@ impl NodeConfig {
         Self {
             name: "lsdc".to_owned(),
             topics,
+            reliable: false,
             frames: FrameOptions::default(),
             // A turn of a scanner at 10 Hz, of which the cloud comes at the end, twice.
             patience: Duration::from_millis(200),
             max_latency: None,
+            views: None,
             depth: None,
             millimetres: false,
             standard_deviation: false,

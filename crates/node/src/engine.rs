@@ -1,11 +1,18 @@
 //! One frame: decoded, seen by the network, fitted, and written as messages.
 
 use crate::config::NodeConfig;
+use crate::past::{Carried, PastImage, PastViews};
 use crate::quality::{Level, thinned};
-use lsdc_core::{Channels, Completer, Completion, Image, Observation, Observations, Scene};
+use lsdc_core::{
+    Channels, Completer, Completion, Image, Observation, Observations, PosedView, Scene,
+};
 use lsdc_files::error::Result;
 use lsdc_files::{Camera, ColoredCloud, MOST_TESTED};
-use lsdc_recordings::{DecodedFrame, LiveFrame, Rigid, write_cloud, write_depth, write_points};
+use lsdc_recordings::{
+    CameraPose, DecodedFrame, LiveFrame, Rigid, Timestamp, write_camera_info, write_cloud,
+    write_depth, write_points,
+};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// What is published of a frame.
@@ -26,11 +33,14 @@ pub(crate) struct Engine {
     standard_deviation: bool,
     outliers: bool,
     cloud: Option<lsdc_files::CloudOptions>,
+    past: Option<Mutex<PastViews>>,
 }
 
 /// A frame whose image the network has seen.
 pub(crate) struct Prepared {
     frame: DecodedFrame,
+    points_stamp: Timestamp,
+    pose: Option<CameraPose>,
     camera_info: Option<Vec<u8>>,
     scene: Scene,
     points: Observations,
@@ -68,6 +78,8 @@ pub(crate) struct Facts {
     pub(crate) residual: f64,
     /// Points that disagree with the others, if they were looked for.
     pub(crate) outliers: Option<usize>,
+    /// What became of the points of earlier images, if they are used and the place of the camera is known.
+    pub(crate) carried: Option<Carried>,
     /// Pixels beyond what whole millimetres hold.
     pub(crate) beyond: usize,
     /// What is doubtful about the frame.
@@ -83,7 +95,13 @@ impl Engine {
             standard_deviation: config.standard_deviation,
             outliers: config.outliers,
             cloud: config.cloud,
+            past: config.views.map(|views| Mutex::new(PastViews::new(views))),
         }
+    }
+
+    /// Whether points of earlier images are used.
+    pub(crate) fn has_views(&self) -> bool {
+        self.past.is_some()
     }
 
     pub(crate) fn has_small_weights(&self) -> bool {
@@ -98,6 +116,7 @@ impl Engine {
         times: FrameMoments,
     ) -> Result<Prepared> {
         let camera_info = frame.camera_info();
+        let (points_stamp, pose) = (frame.points_stamp(), frame.pose().cloned());
         let frame = frame.decode()?;
         let small = self.small.as_ref().filter(|_| level == Level::SmallWeights);
         let completer = small.unwrap_or(&self.full);
@@ -109,6 +128,8 @@ impl Engine {
         let points = fewer.map_or_else(|| all.clone(), Observations::from_iter);
         Ok(Prepared {
             frame,
+            points_stamp,
+            pose,
             camera_info,
             scene,
             points,
@@ -119,20 +140,22 @@ impl Engine {
 
     /// The fit, and the messages of its results.
     pub(crate) fn complete(&self, prepared: Prepared) -> Result<Completed> {
+        let (completion, carried) = self.fit(&prepared)?;
         let Prepared {
             frame,
             camera_info,
-            scene,
             points,
             level,
             times,
+            ..
         } = prepared;
-        let completion = scene.complete_once(&points)?;
         let depth = completion.depth()?;
         let header = &frame.header;
         let mut messages = Vec::new();
         let (message, beyond) = write_depth(header, &depth, self.millimetres);
         messages.push((Output::Depth, message));
+        let given = || write_camera_info(header, frame.camera.as_ref()?, size(&frame));
+        let camera_info = camera_info.or_else(given);
         messages.extend(camera_info.map(|message| (Output::CameraInfo, message)));
         let deviations = self
             .standard_deviation
@@ -175,6 +198,7 @@ impl Engine {
             unplaced: frame.unplaced,
             residual: report.residual,
             outliers,
+            carried,
             beyond,
             remarks: frame.points.remarks,
         };
@@ -184,6 +208,37 @@ impl Engine {
             level,
             times,
         })
+    }
+}
+
+impl Engine {
+    /// Fits an image to its points, and to those of earlier images if they are used and quality is not lowered.
+    fn fit(&self, prepared: &Prepared) -> Result<(Completion, Option<Carried>)> {
+        let Prepared {
+            frame,
+            scene,
+            points,
+            level,
+            ..
+        } = prepared;
+        let placed = prepared.pose.as_ref().zip(frame.camera.as_ref());
+        if let (Some(past), Some((pose, camera))) = (&self.past, placed) {
+            let (matrix, translation) = (pose.rigid.matrix(), pose.rigid.translation());
+            let camera = camera.clone().moved(matrix, translation);
+            let (width, height) = size(frame);
+            let own = PastImage {
+                stamp: frame.header.stamp,
+                points_stamp: prepared.points_stamp,
+                view: PosedView::new(camera, width, height, points.clone())?,
+            };
+            let mut past = past.lock().unwrap_or_else(PoisonError::into_inner);
+            let others = past.add(&own, pose);
+            if *level == Level::Full {
+                let (completion, carried) = past.complete(scene, &own.view, &others)?;
+                return Ok((completion, Some(carried)));
+            }
+        }
+        Ok((scene.complete_once(points)?, None))
     }
 }
 

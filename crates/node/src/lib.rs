@@ -13,6 +13,7 @@ mod inbox;
 mod memory;
 mod node;
 mod parameters;
+mod past;
 mod quality;
 mod slot;
 mod status;

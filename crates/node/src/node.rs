@@ -241,6 +241,7 @@ impl Back {
         status.late = governor.late;
         status.latency = Some(latency);
         status.age = Some(now.saturating_sub(times.received));
+        status.alone += u64::from(shared.engine.has_views() && facts.carried.is_none());
         status.facts = facts;
     }
 }
@@ -259,6 +260,7 @@ impl Node {
         transport: &mut dyn Transport,
     ) -> Result<Self> {
         let engine = Engine::new(&config, completer, small);
+        let has_views = engine.has_views();
         let governor = Governor::new(config.max_latency, engine.has_small_weights());
         let publishers = advertise(&config, transport)?;
         let diagnostics = transport.advertise(&Advertisement {
@@ -279,9 +281,10 @@ impl Node {
             }),
             clock,
         });
+        let live = LiveFrames::new(config.topics.clone(), &config.frames, config.patience);
         let front = Front {
-            image_topic: config.topics.image.0.clone(),
-            live: LiveFrames::new(config.topics, &config.frames, config.patience),
+            image_topic: config.topics.image.0,
+            live: if has_views { live.with_poses() } else { live },
             held: None,
             diagnostics,
             name: config.name,
@@ -415,9 +418,11 @@ fn subscribe(
     transport: &mut dyn Transport,
 ) -> Result<Vec<usize>> {
     let topics = &config.topics;
-    let one = |(name, kind): &(String, MessageType), limit| {
-        (name.clone(), *kind, Qos::SENSOR_DATA, limit)
+    let qos = Qos {
+        reliable: config.reliable,
+        ..Qos::SENSOR_DATA
     };
+    let one = |(name, kind): &(String, MessageType), limit| (name.clone(), *kind, qos, limit);
     let mut wanted = vec![one(&topics.image, IMAGES), one(&topics.points, OTHERS)];
     for info in [&topics.camera_info, &topics.depth_info]
         .into_iter()
@@ -426,7 +431,7 @@ fn subscribe(
         let known = wanted.iter().any(|(name, ..)| name == info);
         if !known && config.frames.camera.is_none() {
             let kind = MessageType::CameraInfo;
-            wanted.push((info.clone(), kind, Qos::SENSOR_DATA, OTHERS));
+            wanted.push((info.clone(), kind, qos, OTHERS));
         }
     }
     for tf in &topics.tf {

@@ -1,6 +1,7 @@
 //! What the node has done, in numbers, and as diagnostics.
 
 use crate::engine::Facts;
+use crate::past::Carried;
 use crate::quality::Level;
 use lsdc_recordings::{DiagnosticLevel, DiagnosticStatus, DropReason, LiveCounts};
 use std::collections::BTreeMap;
@@ -23,6 +24,9 @@ pub struct NodeStatus {
     pub unpublished: u64,
     /// What was left out of cameras, points and transforms.
     pub inputs: LiveCounts,
+    /// Images completed without points of earlier ones though these are wanted: the place of the camera was not known, or quality
+    /// was lowered.
+    pub alone: u64,
     /// Why no image can be completed, if that is so.
     pub lacking: Option<String>,
     /// What is assumed and should be checked, a sentence each.
@@ -129,9 +133,20 @@ impl NodeStatus {
         if let Some(outliers) = self.facts.outliers {
             add("outliers", outliers.to_string());
         }
+        if let Some(carried) = self.facts.carried {
+            let Carried {
+                points,
+                considered,
+                inconsistent,
+            } = carried;
+            add("points of earlier images", points.to_string());
+            add("earlier images", considered.to_string());
+            add("earlier images that contradict", inconsistent.to_string());
+        }
         let inputs = self.inputs;
         let counts = [
             ("images that took too long", self.late),
+            ("images without points of earlier ones", self.alone),
             ("messages lost", self.lost),
             ("results not published", self.unpublished),
             ("points left out by quality", self.facts.thinned as u64),

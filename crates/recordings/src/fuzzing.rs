@@ -1,9 +1,54 @@
-//! What fuzzers and tests call: the readers of messages, without a recording.
+//! What fuzzers and tests call: the readers of messages, without a recording, and a running robot.
 
-use crate::frames::timed;
+use crate::frames::{FrameOptions, FrameTopics, LiveFrames, Receipt, timed};
 use crate::message::{
     Header, MessageType, PointCloud, camera_of, colours, compressed_depths, depths, transforms,
 };
+use std::time::Duration;
+
+/// The topics of [`live`]: compressed images, clouds, cameras, and transforms.
+pub const LIVE_TOPICS: [&str; 5] = ["/image", "/points", "/camera_info", "/tf", "/tf_static"];
+
+/// Sends messages to a running robot, one every millisecond: of each, the number of its topic in a byte, its length in two, and
+/// its bytes. Returns how many images were received and returned, and how many of these were decoded.
+pub fn live(data: &[u8]) -> [u64; 3] {
+    let patience = Duration::from_millis(20);
+    let [image, points, info, tf @ ..] = LIVE_TOPICS;
+    let topics = FrameTopics {
+        image: (image.to_owned(), MessageType::CompressedImage),
+        points: (points.to_owned(), MessageType::PointCloud2),
+        camera_info: Some(info.to_owned()),
+        depth_info: None,
+        tf: tf.map(str::to_owned).to_vec(),
+    };
+    let mut robot = LiveFrames::new(topics, &FrameOptions::default(), patience).with_poses();
+    let (mut returned, mut decoded) = (0, 0);
+    let mut look = |robot: &mut LiveFrames, now| {
+        while let Some(found) = robot.next(now) {
+            returned += 1;
+            if let Ok(frame) = found {
+                let _ = (frame.camera_info(), frame.pose().cloned());
+                decoded += u64::from(frame.decode().is_ok());
+            }
+        }
+    };
+    let (mut rest, mut step) = (data, 0);
+    while let [topic, low, high, after @ ..] = rest {
+        let length = usize::from(u16::from_le_bytes([*low, *high])).min(after.len());
+        let (message, next) = after.split_at(length);
+        rest = next;
+        step += 1;
+        let receipt = Receipt {
+            at: Duration::from_millis(step),
+            stamp: step as i64,
+        };
+        let topic = LIVE_TOPICS[usize::from(*topic) % LIVE_TOPICS.len()];
+        robot.add(topic, message.to_vec(), receipt);
+        look(&mut robot, receipt.at);
+    }
+    look(&mut robot, Duration::from_millis(step) + patience);
+    [robot.counts().images, returned, decoded]
+}
 
 /// Reads a message of the type of that number, as what it may be; behind the last type, what a message of compressed depths
 /// holds. Says whether all of it could be read.

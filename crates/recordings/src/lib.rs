@@ -37,12 +37,13 @@ mod writer;
 pub use container::{Defects, Message, MessageLocation, MessageTimes, Topic};
 pub use definitions::message_definition;
 pub use frames::{
-    DecodedFrame, DecodedPoints, DropReason, DroppedFrame, FrameMessages, FrameOptions,
-    FrameTopics, Frames, LiveCounts, LiveFrame, LiveFrames, PointTimes, Receipt, SyncedFrame,
+    CameraPose, DecodedFrame, DecodedPoints, DropReason, DroppedFrame, FrameMessages, FrameOptions,
+    FrameTopics, Frames, LiveCounts, LiveFrame, LiveFrames, NEIGHBOUR_WINDOW, PointTimes, Receipt,
+    SyncedFrame,
 };
 pub use message::{
     DIAGNOSTIC_ARRAY, DiagnosticLevel, DiagnosticStatus, Header, MessageType, Timestamp,
-    TransformStamped, write_cloud, write_depth, write_diagnostics, write_points,
+    TransformStamped, write_camera_info, write_cloud, write_depth, write_diagnostics, write_points,
 };
 pub use recording::Recording;
 pub use rigid::Rigid;
@@ -50,5 +51,7 @@ pub use survey::{Survey, TopicSummary};
 pub use transforms::{Route, TransformGap, Transforms};
 pub use writer::Writer;
 
+#[cfg(test)]
+extern crate self as lsdc_recordings;
 #[cfg(test)]
 mod tests;

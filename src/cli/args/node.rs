@@ -2,7 +2,9 @@
 
 use super::Model;
 use super::recorded::{Units, seconds};
+use super::values::typed;
 use clap::{Args as ClapArgs, ValueEnum};
+use lsdc_files::{Camera, Unit};
 use lsdc_recordings::MessageType;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -46,6 +48,25 @@ pub(in crate::cli) struct NodeArgs {
         hide_short_help = true
     )]
     pub(in crate::cli) depth_info: Option<String>,
+    /// Camera of the images where no topic describes it: a file, or FX,FY,CX,CY in pixels. It replaces the transforms, too: its
+    /// pose is that of the camera in the frame of the points.
+    #[arg(
+        long,
+        value_parser = typed::<Camera>,
+        value_name = "CAMERA",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) camera: Option<Camera>,
+    /// Unit of depths and coordinates: m, cm, mm, or a number of units in a metre [default: mm for integers, else m].
+    #[arg(
+        long,
+        value_parser = typed::<Unit>,
+        value_name = "UNIT",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) depth_unit: Option<Unit>,
     /// Topic of transforms; may be repeated [default: `/tf` and `/tf_static`].
     #[arg(
         long,
@@ -54,6 +75,9 @@ pub(in crate::cli) struct NodeArgs {
         hide_short_help = true
     )]
     pub(in crate::cli) tf: Vec<String>,
+    /// Have lost messages of images, points and cameras sent again. Their publishers must be reliable, too.
+    #[arg(long, help_heading = "Input", hide_short_help = true)]
+    pub(in crate::cli) reliable: bool,
     /// Frame in which the motion between the times of points and image is measured [default: odom, or the topmost frame].
     #[arg(
         long,
@@ -103,6 +127,12 @@ pub(in crate::cli) struct NodeArgs {
     /// Also publish the depth as a cloud: `/NAME/points`.
     #[arg(long, help_heading = "Output")]
     pub(in crate::cli) cloud: bool,
+    /// Join the measured points of earlier images, carried over by the transforms.
+    #[arg(long, help_heading = "Output")]
+    pub(in crate::cli) views: bool,
+    /// With --views, the most neighbours of an image, up to 20 [default: 8].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20), help_heading = "Output", hide_short_help = true)]
+    pub(in crate::cli) views_count: Option<u32>,
     /// How many seconds may pass from the moment that image and points are there until the depth is published. Quality is lowered
     /// to keep to it: fewer points, then the weights `small` [default: any].
     #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Output")]

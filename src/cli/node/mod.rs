@@ -7,7 +7,7 @@ use super::args::{NodeArgs, Units};
 use super::network::open_guided_completer;
 use super::{Exit, ui};
 use dds::Dds;
-use lsdc_core::Completer;
+use lsdc_core::{Completer, ViewSettings};
 use lsdc_files::CloudOptions;
 use lsdc_files::error::{Error, Result};
 use lsdc_node::{
@@ -111,18 +111,31 @@ fn config(args: &NodeArgs) -> Result<NodeConfig> {
     if !args.tf.is_empty() {
         topics.tf.clone_from(&args.tf);
     }
+    if args.views_count.is_some() && !args.views {
+        return Err(Error::config("`--views-count` is for `--views`").hint("give both, or neither"));
+    }
     let usual = NodeConfig::new(topics);
     let time = |seconds: Option<f64>, usual| seconds.map_or(usual, Duration::from_secs_f64);
     Ok(NodeConfig {
         name: args.name.clone().unwrap_or(usual.name),
+        reliable: args.reliable,
         frames: FrameOptions {
             fixed: args.fixed_frame.clone(),
             tolerance: time(args.tolerance, usual.frames.tolerance),
             deskew: !args.no_deskew,
+            camera: args.camera.clone(),
+            unit: args.depth_unit,
             ..usual.frames
         },
         patience: time(args.wait, usual.patience),
         max_latency: args.max_latency.map(Duration::from_secs_f64),
+        views: args.views.then(|| {
+            let usual = ViewSettings::default();
+            ViewSettings {
+                count: args.views_count.map_or(usual.count, |count| count as usize),
+                ..usual
+            }
+        }),
         depth: args.depth.clone(),
         millimetres: args.units.is_some_and(Units::is_millimetres),
         standard_deviation: args.standard_deviation,

@@ -63,7 +63,14 @@ fn options(path: &Path, found: &Parameters, given: &[String]) -> Result<Vec<Stri
 
 /// Whether an option has no value.
 fn is_flag(name: &str) -> bool {
-    ["standard_deviation", "outliers", "cloud"].contains(&name)
+    [
+        "standard_deviation",
+        "outliers",
+        "cloud",
+        "views",
+        "reliable",
+    ]
+    .contains(&name)
 }
 
 /// The arguments of the command line with more options.
@@ -103,13 +110,15 @@ mod tests {
     #[test]
     fn options_take_precedence_over_parameters() {
         let yaml = "    image: /a\n    points: /b\n    cloud: true\n    outliers: false\n    deskew: false\n    tf: [/tf, /x/tf_static]\n    \
-                    max_latency: 0.05\n    use_sim_time: true\n";
+                    views: true\n    views_count: 4\n    depth_unit: cm\n    max_latency: 0.05\n    use_sim_time: true\n";
         let args = with(yaml, "node --image /c --wait 0.3").unwrap();
         assert_eq!(args.image.as_deref(), Some("/c"));
         assert_eq!(args.points.as_deref(), Some("/b"));
         assert_eq!(args.tf, ["/tf", "/x/tf_static"]);
         assert_eq!((args.max_latency, args.wait), (Some(0.05), Some(0.3)));
-        assert!(args.cloud && !args.outliers && args.no_deskew);
+        assert!(args.cloud && args.views && !args.outliers && args.no_deskew);
+        assert_eq!(args.views_count, Some(4));
+        assert_eq!(args.depth_unit.unwrap().metres(), 0.01);
     }
 
     #[test]

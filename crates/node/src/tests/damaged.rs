@@ -1,6 +1,7 @@
 //! Messages that are damaged, by accident or on purpose.
 
-use super::{Robot, Sent, frames, messages};
+use super::sent::{Sent, damaged};
+use super::{Robot, frames, messages};
 use crate::NodeConfig;
 use lsdc_rng::Rng;
 
@@ -11,19 +12,9 @@ fn damaged_messages_are_counted_and_the_node_lives_on() {
     for copy in 0..8 {
         let mut rng = Rng::stream(copy, &["node"]);
         let mut robot = Robot::new(NodeConfig::new(frames.topics().clone()));
-        let damaged = intact.iter().map(|message| {
-            let mut data = message.data.clone();
-            if rng.chance(0.4) {
-                data.truncate(rng.below(data.len() as u32) as usize);
-            } else {
-                let at = rng.below(data.len().min(160) as u32) as usize;
-                let end = (at + 1 + rng.below(8) as usize).min(data.len());
-                data[at..end].fill([0xff, 0x7f, 0, 1][rng.below(4) as usize]);
-            }
-            Sent {
-                data,
-                ..message.clone()
-            }
+        let damaged = intact.iter().map(|message| Sent {
+            data: damaged(&message.data, 0.4, &mut rng),
+            ..message.clone()
         });
         robot.play(&damaged.collect::<Vec<_>>());
         let status = robot.node.status();

@@ -114,12 +114,18 @@ fn results_have_the_names_types_and_headers_of_ros() {
             ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
         ]
     );
-    let qos = |topic: &str| {
+    let qos = |robot: &Robot, topic: &str| {
         let mut all = robot.bus.subscriptions();
         all.find(|found| found.topic == topic).unwrap().qos
     };
-    assert_eq!(qos("/lidar/points"), Qos::SENSOR_DATA);
-    assert_eq!((qos("/tf"), qos("/tf_static")), (Qos::TF, Qos::TF_STATIC));
+    assert_eq!(qos(&robot, "/lidar/points"), Qos::SENSOR_DATA);
+    assert_eq!(qos(&robot, "/tf"), Qos::TF);
+    assert_eq!(qos(&robot, "/tf_static"), Qos::TF_STATIC);
+    let reliable = Robot::new(NodeConfig {
+        reliable: true,
+        ..self::config("drive.mcap", None)
+    });
+    assert!(qos(&reliable, "/lidar/points").reliable);
     robot.play(&messages("drive.mcap"));
     let wanted: Vec<_> = depths_of_file("drive.mcap", None)
         .iter()

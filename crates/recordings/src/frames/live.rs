@@ -4,12 +4,13 @@
 use super::choice::FrameTopics;
 use super::decoded::{DecodedFrame, FrameTimes};
 use super::options::FrameOptions;
+use super::poses::CameraPose;
 use super::rig::Rig;
 use super::sweep::Sweep;
 use super::{DropReason, DroppedFrame};
 use crate::message::{Header, PointCloud, Timestamp, restamped_camera_info};
 use crate::series::TimeSeries;
-use crate::transforms::Transforms;
+use crate::transforms::{Route, Transforms};
 use lsdc_files::error::Result;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -79,6 +80,9 @@ pub struct LiveFrames {
     /// Whether the last image had a message of the camera with its own stamp.
     has_own_camera: bool,
     newest_image: Option<Timestamp>,
+    /// Whether frames have the pose of their camera, and the route to it, where transforms lead there.
+    has_poses: bool,
+    camera_route: Option<Route>,
     /// Whether something was added that the rig has not been settled with.
     changed: bool,
     /// Why the rig could not be settled.
@@ -138,6 +142,7 @@ pub struct LiveFrame {
     received: Duration,
     image: Vec<u8>,
     points: Arc<Vec<u8>>,
+    pose: Option<CameraPose>,
     rig: Rig,
 }
 
@@ -152,9 +157,14 @@ impl LiveFrame {
         self.received
     }
 
-    /// From the stamp of the image to that of its points, in nanoseconds.
-    pub fn points_offset(&self) -> i64 {
-        self.times.points.saturating_sub(self.times.image)
+    /// When its points were measured: no two clouds that are kept have the same stamp.
+    pub fn points_stamp(&self) -> Timestamp {
+        self.times.points
+    }
+
+    /// Where the camera was; nothing without [`LiveFrames::with_poses`], or where transforms do not say it.
+    pub fn pose(&self) -> Option<&CameraPose> {
+        self.pose.as_ref()
     }
 
     /// The frame that the messages hold: the same as from a recording of them.
@@ -166,8 +176,11 @@ impl LiveFrame {
     }
 
     /// The camera of the image as a message of `sensor_msgs/msg/CameraInfo` with the header of the image, if a topic describes
-    /// it.
+    /// it, and none was given.
     pub fn camera_info(&self) -> Option<Vec<u8>> {
+        if self.rig.given_camera.is_some() {
+            return None;
+        }
         let message = self.rig.cameras.message(self.times.image)?;
         // It was read before.
         restamped_camera_info(message, &self.header).ok()
@@ -188,11 +201,22 @@ impl LiveFrames {
             camera_stamps: VecDeque::new(),
             has_own_camera: false,
             newest_image: None,
+            has_poses: false,
+            camera_route: None,
             changed: true,
             lacking: None,
             remarks: Vec::new(),
             dropped: VecDeque::new(),
             counts: LiveCounts::default(),
+        }
+    }
+
+    /// The same with the pose of the camera of each frame: an image also waits for the transforms of its own time.
+    #[must_use]
+    pub fn with_poses(self) -> Self {
+        Self {
+            has_poses: true,
+            ..self
         }
     }
 
@@ -331,7 +355,10 @@ impl LiveFrames {
         let found = decided.and_then(|(points, times)| {
             let rig = self.rig.snapshot();
             rig.motion(times.points, times.image)?;
+            let route = self.camera_route.as_ref();
+            let pose = route.and_then(|route| self.rig.camera_pose(route, stamp));
             Ok(LiveFrame {
+                pose,
                 header: image.header,
                 times,
                 received: image.received,
@@ -390,7 +417,10 @@ impl LiveFrames {
                     .into_iter()
                     .all(|points| transforms.reach(route, [points, stamp]))
             };
-            if !self.rig.route.as_ref().is_none_or(reach) {
+            let is_placed = |route| transforms.reach(route, [stamp; 2]);
+            if !self.rig.route.as_ref().is_none_or(reach)
+                || !self.camera_route.as_ref().is_none_or(is_placed)
+            {
                 return None;
             }
         }
@@ -428,9 +458,21 @@ impl LiveFrames {
         }
         self.rig.frames = Some(frames);
         self.changed = false;
+        self.camera_route = None;
         match self.rig.settle(stamp) {
             Ok(remarks) => (self.remarks, self.lacking) = (remarks, None),
-            Err(error) => self.lacking = Some(error.to_string()),
+            Err(error) => {
+                self.lacking = Some(error.to_string());
+                return;
+            }
+        }
+        if self.has_poses {
+            match self.rig.camera_route() {
+                Ok(route) => self.camera_route = Some(route),
+                Err(error) => self.remarks.push(format!(
+                    "it is not known where the camera was, and points of earlier images are not used: {error}"
+                )),
+            }
         }
     }
 

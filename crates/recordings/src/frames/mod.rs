@@ -14,6 +14,7 @@ pub use choice::FrameTopics;
 pub use decoded::{DecodedFrame, DecodedPoints, FrameMessages};
 pub use live::{LiveCounts, LiveFrame, LiveFrames, Receipt};
 pub use options::FrameOptions;
+pub use poses::{CameraPose, NEIGHBOUR_WINDOW};
 pub use sweep::PointTimes;
 pub(crate) use sweep::timed;
 

@@ -2,6 +2,7 @@
 
 use super::{Header, MessageType, read_message};
 use crate::cdr::{CdrReader, CdrWriter, damaged};
+use lsdc_core::Lens;
 use lsdc_files::error::Result;
 use lsdc_files::{Camera, CameraInfo};
 use std::sync::Arc;
@@ -92,9 +93,73 @@ pub(crate) fn restamped_camera_info(message: &[u8], header: &Header) -> Result<V
     })
 }
 
+/// A camera as `sensor_msgs/msg/CameraInfo` of an image of this width and height: K, D and P, without its pose. Nothing if the
+/// conventions of ROS have no name for its lens.
+pub fn write_camera_info(
+    header: &Header,
+    camera: &Camera,
+    (width, height): (usize, usize),
+) -> Option<Vec<u8>> {
+    let [fx, fy, cx, cy] = camera.intrinsics();
+    let lens = camera.optics().lens();
+    let model = match lens {
+        Lens::Pinhole => "plumb_bob",
+        Lens::Radtan { .. } => "rational_polynomial",
+        Lens::Fisheye { .. } => "equidistant",
+        _ => return None,
+    };
+    let coefficients = match lens.coefficients() {
+        [] => &[0.0; 5][..],
+        found => found,
+    };
+    let mut writer = CdrWriter::with_capacity(512);
+    header.write(&mut writer);
+    writer.u32(height as u32);
+    writer.u32(width as u32);
+    writer.string(model);
+    writer.u32(coefficients.len() as u32);
+    let matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0];
+    let rotation = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let projection = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let all = coefficients.iter().chain(&matrix).chain(&rotation);
+    all.chain(&projection).for_each(|&value| writer.f64(value));
+    // All of the sensor, pixel by pixel.
+    (0..6).for_each(|_| writer.u32(0));
+    writer.u8(0);
+    Some(writer.finish())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_camera_that_is_written_is_read_again() {
+        let header = Header {
+            stamp: 1_500_000_000,
+            frame: "camera".to_owned(),
+        };
+        for lens in [
+            Lens::Pinhole,
+            Lens::radial_tangential([-0.1, 0.02, 0.001, -0.0005, 0.003, 0.0, 0.0, 0.0]),
+            Lens::fisheye([0.1, -0.02, 0.001, 0.0]),
+        ] {
+            let optics = lsdc_core::Camera::pinhole([500.0, 490.0], [320.0, 239.5]).with_lens(lens);
+            let camera = Camera::new(optics, Some((640, 480)));
+            let message = write_camera_info(&header, &camera, (640, 480)).unwrap();
+            for rectified in [false, true] {
+                let found = camera_of(&message, rectified).unwrap();
+                assert_eq!(found.header, header);
+                assert_eq!(found.camera.intrinsics(), camera.intrinsics());
+                assert_eq!(
+                    (found.camera.size(), found.baseline),
+                    (camera.size(), [0.0; 2])
+                );
+            }
+            let found = camera_of(&message, false).unwrap();
+            assert_eq!(found.camera.optics(), camera.optics());
+        }
+    }
 
     #[test]
     fn another_header_changes_nothing_else() {

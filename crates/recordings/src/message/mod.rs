@@ -10,6 +10,7 @@ mod rvl;
 mod transform;
 mod yuv;
 
+pub use camera_info::write_camera_info;
 pub(crate) use camera_info::{StampedCamera, camera_of, restamped_camera_info};
 pub(crate) use cloud::PointCloud;
 pub use cloud::{write_cloud, write_points};

@@ -1,6 +1,6 @@
 //! Recordings sent message by message, as by a running robot.
 
-use super::golden;
+use super::sent::{self, Sent, damaged, earlier, golden};
 use crate::message::{MessageType, camera_of};
 use crate::{
     DropReason, FrameOptions, FrameTopics, Frames, Header, LiveFrame, LiveFrames, Receipt,
@@ -13,66 +13,18 @@ use std::time::Duration;
 /// How long images wait.
 const PATIENCE: Duration = Duration::from_millis(300);
 
-/// A message that is sent.
-#[derive(Clone)]
-struct Sent {
-    topic: String,
-    /// In nanoseconds.
-    log: u64,
-    data: Vec<u8>,
-}
-
 fn messages(name: &str) -> Vec<Sent> {
-    messages_in(&golden(name))
-}
-
-fn messages_in(path: &Path) -> Vec<Sent> {
-    let mut found = Vec::new();
-    let visited = Recording::open(path)
-        .unwrap()
-        .visit(&|_| true, &mut |topic, message| {
-            found.push(Sent {
-                topic: topic.name.clone(),
-                log: message.times.log,
-                data: message.data.to_vec(),
-            });
-            Ok(())
-        });
-    visited.unwrap();
-    found
-}
-
-/// The same messages with stamps of an earlier time. Messages of transforms have one each.
-fn earlier(messages: &[Sent], seconds: i32) -> Vec<Sent> {
-    let shifted = |message: &Sent| {
-        let mut message = message.clone();
-        // Behind the start of CDR, and the number of transforms.
-        let at = if message.topic.starts_with("/tf") {
-            8
-        } else {
-            4
-        };
-        let (stamp, _) = message.data[at..].split_first_chunk_mut().unwrap();
-        *stamp = (i32::from_le_bytes(*stamp) - seconds).to_le_bytes();
-        message
-    };
-    messages.iter().map(shifted).collect()
+    sent::messages(&golden(name))
 }
 
 fn frames(name: &str, options: &FrameOptions) -> (Recording, Frames) {
-    frames_in(&golden(name), options)
-}
-
-fn frames_in(path: &Path, options: &FrameOptions) -> (Recording, Frames) {
-    let mut recording = Recording::open(path).unwrap();
-    let frames = Frames::of(&mut recording, options).unwrap();
-    (recording, frames)
+    sent::frames(&golden(name), options)
 }
 
 type Outcome = Result<LiveFrame, crate::DroppedFrame>;
 
 /// The outcome for every image of the messages, which are received at the times that they were recorded.
-fn sent(live: &mut LiveFrames, messages: &[Sent], start: Duration) -> Vec<Outcome> {
+fn outcomes_of(live: &mut LiveFrames, messages: &[Sent], start: Duration) -> Vec<Outcome> {
     let mut found = Vec::new();
     let first = messages[0].log;
     let mut now = start;
@@ -103,9 +55,9 @@ fn assert_same(name: &str, options: &FrameOptions) -> usize {
 
 fn assert_same_in(path: &Path, options: &FrameOptions) -> usize {
     let name = path.display();
-    let (mut recording, frames) = frames_in(path, options);
+    let (mut recording, frames) = sent::frames(path, options);
     let mut live = live(frames.topics(), options);
-    let outcomes = sent(&mut live, &messages_in(path), Duration::ZERO);
+    let outcomes = outcomes_of(&mut live, &sent::messages(path), Duration::ZERO);
     let dropped: Vec<_> = outcomes.iter().filter_map(|o| o.as_ref().err()).collect();
     let kinds = |dropped: &[&crate::DroppedFrame]| {
         let kinds = dropped.iter().map(|d| (d.stamp, d.reason.kind()));
@@ -206,7 +158,7 @@ fn a_recording_that_starts_again_gives_the_same_frames() {
     let (_, frames) = frames("drive.mcap", &options);
     let messages = messages("drive.mcap");
     let mut live = live(frames.topics(), &options);
-    let first = sent(&mut live, &messages, Duration::ZERO);
+    let first = outcomes_of(&mut live, &messages, Duration::ZERO);
     assert_eq!(live.counts().set_back, 0);
     // Static transforms are sent once.
     let rest: Vec<_> = messages
@@ -214,7 +166,7 @@ fn a_recording_that_starts_again_gives_the_same_frames() {
         .filter(|message| !message.topic.ends_with("static"))
         .cloned()
         .collect();
-    let second = sent(&mut live, &earlier(&rest, 1000), Duration::from_secs(100));
+    let second = outcomes_of(&mut live, &earlier(&rest, 1000), Duration::from_secs(100));
     assert!(live.counts().set_back > 0);
     let points = |outcomes: &[Outcome]| {
         let found = outcomes.iter().filter_map(|o| o.as_ref().ok());
@@ -236,12 +188,12 @@ fn what_is_lacking_is_named_until_it_comes() {
     let is_static = |message: &&Sent| message.topic.ends_with("static");
     let without: Vec<_> = all.iter().filter(|m| !is_static(m)).cloned().collect();
     let mut live = live(frames.topics(), &options);
-    let outcomes = sent(&mut live, &without, Duration::ZERO);
+    let outcomes = outcomes_of(&mut live, &without, Duration::ZERO);
     let not_ready = |outcome: &&Outcome| matches!(outcome, Err(dropped) if matches!(dropped.reason, DropReason::NotReady(_)));
     assert_eq!(outcomes.iter().filter(not_ready).count(), 5);
     assert!(live.lacking().unwrap().contains("no transforms lead"));
     // They come after all, while the clock starts again.
-    let outcomes = sent(&mut live, &all, Duration::from_secs(100));
+    let outcomes = outcomes_of(&mut live, &all, Duration::from_secs(100));
     assert!(outcomes.iter().any(Result::is_ok));
     assert_eq!(live.lacking(), None);
 }
@@ -295,16 +247,8 @@ fn damaged_messages_do_no_harm() {
             mixed.push(message.clone());
             // Motion may be wrong, but no message is waited for twice.
             if rng.chance(0.5) {
-                let mut data = message.data.clone();
-                if rng.chance(0.3) {
-                    data.truncate(rng.below(data.len() as u32) as usize);
-                } else {
-                    let at = rng.below(data.len().min(160) as u32) as usize;
-                    let end = (at + 1 + rng.below(8) as usize).min(data.len());
-                    data[at..end].fill([0xff, 0x7f, 0, 1][rng.below(4) as usize]);
-                }
                 mixed.push(Sent {
-                    data,
+                    data: damaged(&message.data, 0.3, &mut rng),
                     ..message.clone()
                 });
             }
@@ -312,7 +256,7 @@ fn damaged_messages_do_no_harm() {
         let images = mixed.iter().filter(|m| m.topic == frames.topics().image.0);
         let images = images.count();
         let mut live = live(frames.topics(), &options);
-        let outcomes = sent(&mut live, &mixed, Duration::ZERO);
+        let outcomes = outcomes_of(&mut live, &mixed, Duration::ZERO);
         assert_eq!(outcomes.len(), images);
         assert_eq!(live.counts().images, images as u64);
         let decoded = outcomes
@@ -329,7 +273,7 @@ fn frames_have_the_camera_of_their_image() {
     let options = FrameOptions::default();
     let (_, frames) = frames("drive.mcap", &options);
     let mut live = live(frames.topics(), &options);
-    let outcomes = sent(&mut live, &messages("drive.mcap"), Duration::ZERO);
+    let outcomes = outcomes_of(&mut live, &messages("drive.mcap"), Duration::ZERO);
     for frame in outcomes.iter().filter_map(|o| o.as_ref().ok()) {
         let message = frame.camera_info().unwrap();
         let camera = crate::message::camera_of(&message, false).unwrap();

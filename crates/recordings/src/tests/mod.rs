@@ -5,18 +5,12 @@ mod damaged;
 mod drive;
 mod live;
 mod remarks;
+mod sent;
 mod turn;
 mod types;
 
+use sent::golden;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-
-/// A recording of `scripts/recordings.py`.
-fn golden(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../tests/golden/recordings")
-        .join(name)
-}
 
 /// What NumPy and OpenCV make of them.
 fn expected() -> Value {

@@ -10,15 +10,12 @@ use lsdc_core::{DepthNoise, PosedView, ViewSettings, neighbours};
 use lsdc_eval::data::Camera;
 use lsdc_files::Poses;
 use lsdc_files::error::{Error, Result};
-use lsdc_recordings::{MessageLocation, Route, SyncedFrame, Timestamp};
+use lsdc_recordings::{MessageLocation, NEIGHBOUR_WINDOW, Route, SyncedFrame, Timestamp};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-
-/// Neighbours are among so many clouds, or images of depths, before and after the image. Their points are all that is kept.
-pub(in crate::cli::complete) const WINDOW: usize = 20;
 
 /// The images of a recording whose poses are known.
 pub(in crate::cli::complete) struct RecordedViews {
@@ -115,7 +112,7 @@ impl RecordedViews {
         };
         let tell = if json { ui::say } else { ui::tell };
         tell(&format!(
-            "poses     {} {origin}; neighbours are among {WINDOW} clouds before{}",
+            "poses     {} {origin}; neighbours are among {NEIGHBOUR_WINDOW} clouds before{}",
             counted(posed, "image"),
             if self.settings.only_past {
                 ""
@@ -130,7 +127,8 @@ impl RecordedViews {
             ));
         }
         if json {
-            let value = json!({"poses": posed, "without_pose": without.len(), "window": WINDOW});
+            let value =
+                json!({"poses": posed, "without_pose": without.len(), "window": NEIGHBOUR_WINDOW});
             ui::print(&value.to_string());
         }
         Ok(())
@@ -214,9 +212,13 @@ impl RecordedViews {
 
     /// The places of candidates for an image that is at one, and its own.
     fn around(&self, place: usize) -> Range<usize> {
-        let after = if self.settings.only_past { 0 } else { WINDOW };
+        let after = if self.settings.only_past {
+            0
+        } else {
+            NEIGHBOUR_WINDOW
+        };
         let end = (place + after + 1).min(self.order.len());
-        place.saturating_sub(WINDOW)..end
+        place.saturating_sub(NEIGHBOUR_WINDOW)..end
     }
 
     /// The image at a place, from the window or the recording.
