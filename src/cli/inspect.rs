@@ -69,7 +69,7 @@ fn bases(args: &Inspect, sheet: &Path) -> Result<Exit> {
         }
     };
     check_output(sheet, args.force)?;
-    let completer = open_completer(args.weights.as_deref(), "cpu")?;
+    let completer = open_completer(args.weights.as_deref(), "cpu", false)?;
     let drawing = contact_sheet(&completer, &read_rgb(image)?)?;
     let bytes = if vector {
         drawing.document().into_bytes()

@@ -98,6 +98,11 @@ pub(crate) fn head_weights() -> BTreeMap<String, Tensor> {
 
 /// The weights of a head that reads taps of some width, by their published names.
 pub(crate) fn head_weights_of(width: usize) -> BTreeMap<String, Tensor> {
+    head_weights_with(width, OWN)
+}
+
+/// The same with the channels of its four maps.
+pub(crate) fn head_weights_with(width: usize, own: [usize; 4]) -> BTreeMap<String, Tensor> {
     let mut shapes: Vec<(String, Vec<usize>)> = Vec::new();
     let mut add = |name: String, shape: &[usize]| {
         shapes.push((format!("{name}.weight"), shape.to_vec()));
@@ -105,14 +110,13 @@ pub(crate) fn head_weights_of(width: usize) -> BTreeMap<String, Tensor> {
         let outputs = (!name.ends_with("_rn")).then(|| vec![shape[0]]);
         shapes.extend(outputs.map(|outputs| (format!("{name}.bias"), outputs)));
     };
-    for (i, own) in OWN.into_iter().enumerate() {
+    for (i, own) in own.into_iter().enumerate() {
         add(format!("projects.{i}"), &[own, width, 1, 1]);
     }
     for (i, side) in [(0, 4), (1, 2), (3, 3)] {
-        let own = OWN[i];
-        add(format!("resize_layers.{i}"), &[own, own, side, side]);
+        add(format!("resize_layers.{i}"), &[own[i], own[i], side, side]);
     }
-    for (i, own) in OWN.into_iter().enumerate() {
+    for (i, own) in own.into_iter().enumerate() {
         add(format!("scratch.layer{}_rn", i + 1), &[FUSED, own, 3, 3]);
     }
     for i in 1..=4 {

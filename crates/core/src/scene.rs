@@ -121,11 +121,16 @@ fn predicted_guide(completer: &Completer, forward: &dyn Forward) -> Result<Optio
     let Some(head) = completer.depth_head() else {
         return Ok(None);
     };
-    let Some(features) = forward.published_features() else {
-        return Ok(None);
+    let (values, (height, width)) = match forward.published_depths() {
+        Some(predicted) => predicted,
+        None => match forward.published_features() {
+            Some(features) => {
+                let size = (features.rows * PATCH, features.columns * PATCH);
+                (head.predict(&features)?, size)
+            }
+            None => return Ok(None),
+        },
     };
-    let (height, width) = (features.rows * PATCH, features.columns * PATCH);
-    let values = head.predict(&features)?;
     match DepthGuide::new(GuideKind::Disparity, width, height, &values) {
         Err(Error::Image(ImageError::NoGuide)) => Ok(None),
         guide => guide.map(Some),

@@ -7,7 +7,7 @@ use lsdc_core::SettingsError;
 use std::collections::HashMap;
 use std::pin::pin;
 use std::str::FromStr;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
 use wgpu::{
@@ -102,6 +102,8 @@ struct Inner {
     kernels: Mutex<HashMap<Kernel, Arc<ComputePipeline>>>,
     pool: Pool,
     counters: Counters,
+    /// Images whose affinities have not come back, and the most there were at once.
+    flights: [AtomicUsize; 2],
     /// The first error of the driver.
     failure: Arc<OnceLock<String>>,
 }
@@ -201,6 +203,7 @@ impl Gpu {
             kernels: Mutex::default(),
             pool: Pool::default(),
             counters: Counters::default(),
+            flights: [const { AtomicUsize::new(0) }; 2],
             failure,
         })))
     }
@@ -213,6 +216,19 @@ impl Gpu {
     /// What was launched and transferred since it was opened, by part.
     pub fn traffic(&self) -> [(Part, Traffic); Part::ALL.len()] {
         self.0.counters.all()
+    }
+
+    /// The most images that were submitted and not yet waited for at once, since it was opened.
+    pub fn most_in_flight(&self) -> usize {
+        self.0.flights[1].load(Ordering::Relaxed)
+    }
+
+    /// Counts an image until the result is dropped.
+    pub(crate) fn in_flight(&self) -> InFlight {
+        let [now, most] = &self.0.flights;
+        let count = now.fetch_add(1, Ordering::Relaxed) + 1;
+        most.fetch_max(count, Ordering::Relaxed);
+        InFlight(self.clone())
     }
 
     pub(crate) fn device(&self) -> &wgpu::Device {
@@ -310,6 +326,16 @@ impl Gpu {
         };
         let message = format!("the GPU `{}` has failed: {failure}", self.0.name);
         Err(SettingsError::new(message).with_hint("use the CPU, or open the GPU again"))
+    }
+}
+
+/// An image that is being computed.
+#[derive(Debug)]
+pub(crate) struct InFlight(Gpu);
+
+impl Drop for InFlight {
+    fn drop(&mut self) {
+        self.0.0.flights[0].fetch_sub(1, Ordering::Relaxed);
     }
 }
 

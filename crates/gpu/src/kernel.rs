@@ -1,6 +1,8 @@
 //! The kernels, and what they are compiled for.
 
-use lsdc_core::network::{CONTRAST, FirstFunction, LEAST_AFFINITY, MAX_LOG_DEPTH, MAX_LOG_FACTOR};
+use lsdc_core::network::{
+    CONTRAST, FirstFunction, LAYER_EPSILON, LEAST_AFFINITY, MAX_LOG_DEPTH, MAX_LOG_FACTOR,
+};
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor,
     BindGroupLayoutEntry, BindingResource, BindingType, Buffer, BufferBinding, BufferBindingType,
@@ -25,7 +27,31 @@ pub(crate) enum Source {
     Convolved,
     Depthwise,
     Enlarged,
+    Normalised,
 }
+
+/// What follows a product.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Activation {
+    None,
+    Relu,
+    Gelu,
+}
+
+/// In which other form a map is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Form {
+    Corners,
+    Rectified,
+    Sum,
+    Blocks,
+    Packed,
+}
+
+/// Queries that a group of units attends for.
+pub(crate) const QUERIES: usize = UNITS / 4;
+/// The most quads of a head of attention: their keys and values fit in the memory of a group.
+pub(crate) const MOST_HEAD: usize = 24;
 
 /// How a convolution is divided among groups and units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -101,7 +127,12 @@ impl HeadKernel {
 /// A kernel with its constants.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Kernel {
-    Convolution(Source, Tile),
+    /// With whether the weights are in f16.
+    Convolution(Source, Tile, bool),
+    /// With the quads of a head.
+    Attention(usize),
+    Features,
+    Resampled(Form),
     Averages,
     Concatenation,
     Affinities,
@@ -112,18 +143,34 @@ impl Kernel {
     /// The text in WGSL.
     fn source(&self) -> String {
         let (constants, text) = match *self {
-            Self::Convolution(source, tile) => {
+            Self::Convolution(source, tile, half) => {
                 let (pixels, Tile { quads, rows }) = (tile.pixels(), tile);
                 let depth = if rows > 2 { 4 } else { 8 };
                 let source = source as u32;
                 (
                     format!(
                         "const PIXELS = {pixels}u;\nconst QUADS = {quads}u;\nconst ROWS = {rows}u;\n\
-                         const DEPTH = {depth}u;\nconst SOURCE = {source}u;\n"
+                         const DEPTH = {depth}u;\nconst SOURCE = {source}u;\nconst HALF = {half};\n\
+                         const EPSILON = {LAYER_EPSILON:?}f;\n"
                     ),
                     include_str!("shaders/convolution.wgsl"),
                 )
             }
+            Self::Attention(depth) => {
+                let scale = (4.0 * depth as f32).sqrt().recip();
+                (
+                    format!("const DEPTH = {depth}u;\nconst SCALE = {scale:?}f;\n"),
+                    include_str!("shaders/attention.wgsl"),
+                )
+            }
+            Self::Features => (
+                format!("const PARTS = {PARTS}u;\nconst EPSILON = {LAYER_EPSILON:?}f;\n"),
+                include_str!("shaders/features.wgsl"),
+            ),
+            Self::Resampled(form) => (
+                format!("const FORM = {}u;\n", form as u32),
+                include_str!("shaders/resampled.wgsl"),
+            ),
             Self::Averages => (
                 format!("const PARTS = {PARTS}u;\n"),
                 include_str!("shaders/averages.wgsl"),

@@ -1,7 +1,8 @@
 //! The network of `lsdc-core` on GPUs: through Vulkan, Metal or DirectX 12, within the limits that every WebGPU device has.
 //!
 //! The layers are recorded once for each size of images as a list of launches (`plan`), with normalisation, skip connections,
-//! enlargement and ReLU in the launch of the convolution before them. All maps of a plan share one buffer, all weights
+//! enlargement and ReLU in the launch of the convolution before them. So are those of a pretrained encoder and of its depth head
+//! (`encoder`): a block is five launches, and no score of its attention is stored. All maps of a plan share one buffer, all weights
 //! another. An image is one upload, the points another; affinities and basis functions at the points come back, and with the
 //! weights of the fit, which stays on the CPU, the map. [`Traffic`] counts all of it.
 //!
@@ -21,6 +22,7 @@
 //! ```
 
 mod device;
+mod encoder;
 mod head;
 mod kernel;
 mod memory;
@@ -32,5 +34,6 @@ mod traffic;
 mod weights;
 
 pub use device::{Adapter, Gpu, GpuError};
+pub use encoder::Pretrained;
 pub use network::{GpuNetwork, supports};
 pub use traffic::{Part, Traffic};

@@ -1,12 +1,14 @@
 //! The network of `lsdc-core` on a GPU.
 
-use crate::device::{Gpu, Pending};
+use crate::device::{Gpu, InFlight, Pending};
+use crate::encoder::{GpuEncoder, Pretrained};
 use crate::head::{Features, Head, MOST_LAYERS, MOST_WIDTH};
 use crate::plan::{Launches, Map, Place, Recorder};
 use crate::traffic::Part;
 use crate::weights::{GpuLayer, Packer};
 use lsdc_core::network::{
-    Basis, Executor as _, Forward, Network, NetworkConfig, NetworkLayers, NormKind,
+    Basis, EncoderConfig, Executor as _, FeatureMap, Forward, Network, NetworkConfig,
+    NetworkLayers, NormKind, PATCH, in_patches,
 };
 use lsdc_core::{Error, Weights, WeightsError};
 use std::collections::VecDeque;
@@ -24,20 +26,21 @@ pub struct GpuNetwork(Arc<Inner>);
 struct Inner {
     gpu: Gpu,
     layers: NetworkLayers<GpuLayer>,
+    encoder: Option<GpuEncoder>,
     head: Head,
     weights: Buffer,
     plans: Mutex<VecDeque<Arc<Plan>>>,
 }
 
-/// Whether a network can be run by [`GpuNetwork`].
+/// Whether a network can be run by [`GpuNetwork`], on its encoder if it was trained on one.
 pub fn supports(config: &NetworkConfig) -> bool {
     let extractor = &config.extractor;
     // They are concatenated by quads of channels.
-    let mut merged = vec![extractor.stages[1].width, extractor.stages[3].width];
+    let [_, second, _, fourth] = &extractor.stages;
+    let mut merged = vec![second.width, fourth.width, extractor.encoder];
     merged.extend((!extractor.pools.is_empty()).then_some(extractor.branch));
     let widths = &config.hidden;
-    extractor.encoder == 0
-        && config.norm == NormKind::Batch
+    config.norm == NormKind::Batch
         && merged.iter().all(|width| width % 4 == 0)
         && (1..=MOST_LAYERS).contains(&widths.len())
         && widths.iter().all(|&width| width <= MOST_WIDTH)
@@ -47,14 +50,40 @@ impl GpuNetwork {
     /// Prepares a network from its weights.
     ///
     /// # Errors
-    /// Weights that do not match their network, and a network that this crate does not run (see [`supports`]).
+    /// Weights that do not match their network, a network on an encoder (see [`Self::with_encoder`]), and one that this crate
+    /// does not run (see [`supports`]).
     pub fn new(weights: &Weights, gpu: &Gpu) -> Result<Self, Error> {
+        Self::prepared(weights, None, gpu)
+    }
+
+    /// Prepares a network with the encoder that it was trained on, and the depth head on this, if it is given.
+    ///
+    /// # Errors
+    /// As for [`Self::new`], and tensors that do not match the sizes of the encoder.
+    pub fn with_encoder(
+        weights: &Weights,
+        encoder: &Pretrained<'_>,
+        gpu: &Gpu,
+    ) -> Result<Self, Error> {
+        Self::prepared(weights, Some(encoder), gpu)
+    }
+
+    fn prepared(
+        weights: &Weights,
+        pretrained: Option<&Pretrained<'_>>,
+        gpu: &Gpu,
+    ) -> Result<Self, Error> {
         let unsupported = WeightsError::Unsupported("the GPU runs no network of this kind");
-        if !supports(&weights.network) {
+        let config = &weights.network;
+        if !supports(config) {
             return Err(unsupported.into());
         }
         let packer = Packer::default();
-        let (layers, head) = NetworkLayers::new(&weights.network, &weights.tensors, &packer)?;
+        let pretrained = pretrained.filter(|_| config.extractor.encoder > 0);
+        let sizes = pretrained.map(|encoder| &encoder.config);
+        let (layers, head) = NetworkLayers::new(config, sizes, &weights.tensors, &packer)?;
+        let encoder = pretrained.map(|encoder| GpuEncoder::new(encoder, &packer));
+        let encoder = encoder.transpose()?;
         let head = Head::new(head, &packer).ok_or(unsupported)?;
         let values = packer.into_values();
         let weights = gpu.device().create_buffer(&BufferDescriptor {
@@ -72,6 +101,7 @@ impl GpuNetwork {
         Ok(Self(Arc::new(Inner {
             gpu: gpu.clone(),
             layers,
+            encoder,
             head,
             weights,
             plans: Mutex::default(),
@@ -103,10 +133,14 @@ struct Plan {
     /// How many of the launches are for the affinities.
     first: usize,
     image: Place,
+    /// The image that the encoder reads, in whole patches.
+    patches: Option<Place>,
     affinities: Place,
     /// The first layer of the MLP on the features.
     features: Place,
     logarithm: Option<Place>,
+    /// What the depth head predicts, four pixels in a quad, after that many launches.
+    depths: Option<(Place, usize)>,
     /// One image at a time is in the buffer.
     submitting: Mutex<()>,
 }
@@ -115,44 +149,75 @@ impl Plan {
     fn new(network: &Inner, size: (usize, usize)) -> Result<Self, Error> {
         let recorder = Recorder::default();
         let image = recorder.map(size, 1);
-        let changes = network.layers.affinity_changes(&image, None, &recorder);
+        let encoder = network.encoder.as_ref();
+        let (rows, columns) = FeatureMap::size(size);
+        let patches = encoder.map(|_| recorder.map((rows * PATCH, columns * PATCH), 1));
+        let encoded = (encoder.zip(patches.as_ref()))
+            .map(|(encoder, patches)| encoder.record(patches, &recorder));
+        let features = encoded.as_ref().map(|encoded| &encoded.features);
+        let changes = network.layers.affinity_changes(&image, features, &recorder);
         let affinities = recorder.affinities(&image, changes.as_ref());
         drop(changes);
         let first = recorder.launches();
-        let output = network.layers.features(&image, None, &recorder);
+        let output = network.layers.features(&image, features, &recorder);
         let features = recorder.layer(&network.head.input, &output.features, None, false);
+        let before_head = recorder.launches();
+        let depths = (encoder.zip(encoded.as_ref()))
+            .and_then(|(encoder, encoded)| encoder.record_head(encoded, &recorder));
+        let kept = encoded
+            .as_ref()
+            .map(|encoded| encoded.kept.each_ref().map(Map::place));
         let plan = |launches| Self {
             size,
             launches,
             first,
             image: image.place(),
+            patches: patches.as_ref().map(Map::place),
             affinities: affinities.place(),
             features: features.place(),
             logarithm: output.logarithm.as_ref().map(Map::place),
+            depths: depths.as_ref().map(|map| (map.place(), before_head)),
             submitting: Mutex::default(),
         };
-        let launches = Launches::new(&network.gpu, recorder, &network.weights)?;
-        Ok(plan(launches))
+        let gpu = &network.gpu;
+        let plan = plan(Launches::new(gpu, recorder, &network.weights)?);
+        if let (Some(encoder), Some(places)) = (encoder, kept) {
+            for (place, values) in places.into_iter().zip(encoder.kept((rows, columns))) {
+                let (offset, bytes) = (place.bytes().0, bytemuck::cast_slice(&values));
+                gpu.upload(Part::Preparation, &plan.launches.maps, offset, bytes);
+            }
+        }
+        Ok(plan)
     }
 
     /// Submits everything for an image.
-    fn run(&self, gpu: &Gpu, image: &[f32]) -> (Pending, Features) {
-        // Pixels of three colours and a zero.
-        let pixels = image.as_chunks::<3>().0.iter();
-        let quads: Vec<[f32; 4]> = pixels.map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+    fn run(&self, gpu: &Gpu, image: &[f32]) -> Result<Submitted, Error> {
+        let patches = match self.patches {
+            None => None,
+            Some(place) => Some((place, in_patches(image, self.size)?.0)),
+        };
         let (_, bytes) = self.features.bytes();
         let logarithm = self.logarithm.map_or(0, |map| map.bytes().1);
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let kept = gpu.pool().take(gpu.device(), bytes + logarithm, usage);
         let maps = &self.launches.maps;
-        let (_, count) = self.affinities.bytes();
-        let staging = gpu.staging(count);
+        let staging = gpu.staging(self.affinities.bytes().1);
+        let in_flight = gpu.in_flight();
         let one = self
             .submitting
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        let (offset, _) = self.image.bytes();
-        gpu.upload(Part::Network, maps, offset, bytemuck::cast_slice(&quads));
+        let upload = |place: Place, image: &[f32]| {
+            // Pixels of three colours and a zero.
+            let pixels = image.as_chunks::<3>().0.iter();
+            let quads: Vec<[f32; 4]> = pixels.map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+            let (offset, _) = place.bytes();
+            gpu.upload(Part::Network, maps, offset, bytemuck::cast_slice(&quads));
+        };
+        upload(self.image, image);
+        if let Some((place, image)) = patches {
+            upload(place, &image);
+        }
         let copy = |encoder: &mut wgpu::CommandEncoder, from: Place, to: &Buffer, start: u64| {
             let (offset, bytes) = from.bytes();
             encoder.copy_buffer_to_buffer(maps, offset, to, start, bytes);
@@ -163,27 +228,52 @@ impl Plan {
             launches
         });
         let affinities = Pending::new(staging, 2 * self.size.0 * self.size.1, submitted);
+        let last = self.launches.len();
+        let before_head = self.depths.map_or(last, |(_, before)| before);
         gpu.submit(Part::Network, |encoder| {
-            let launches = (self.launches).encode(encoder, self.first..self.launches.len());
+            let launches = self.launches.encode(encoder, self.first..before_head);
             copy(encoder, self.features, &kept, 0);
             if let Some(map) = self.logarithm {
                 copy(encoder, map, &kept, bytes);
             }
             launches
         });
+        let depths = self.depths.zip(self.patches).map(|((place, _), patches)| {
+            let staging = gpu.staging(place.bytes().1);
+            let submitted = gpu.submit(Part::Network, |encoder| {
+                let launches = self.launches.encode(encoder, before_head..last);
+                copy(encoder, place, &staging, 0);
+                launches
+            });
+            Pending::new(staging, patches.pixels(), submitted)
+        });
         drop(one);
-        let features = Features {
-            buffer: kept,
-            place: self.features,
-        };
-        (affinities, features)
+        Ok(Submitted {
+            affinities: (affinities, in_flight),
+            depths,
+            features: Features {
+                buffer: kept,
+                place: self.features,
+            },
+        })
     }
+}
+
+/// An image that is being computed.
+struct Submitted {
+    affinities: (Pending, InFlight),
+    depths: Option<Pending>,
+    features: Features,
 }
 
 impl Network for GpuNetwork {
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
         let plan = self.plan(size)?;
-        let (affinities, features) = plan.run(&self.0.gpu, image);
+        let Submitted {
+            affinities,
+            depths,
+            features,
+        } = plan.run(&self.0.gpu, image)?;
         self.0.gpu.check()?;
         Ok(Box::new(GpuForward {
             network: self.clone(),
@@ -191,7 +281,15 @@ impl Network for GpuNetwork {
             features: Arc::new(features),
             pending: Mutex::new(Some(affinities)),
             affinities: OnceLock::new(),
+            depths: Mutex::new(depths),
+            patches: plan.patches,
         }))
+    }
+
+    fn published_encoder(&self) -> Option<&EncoderConfig> {
+        // Without the head, the features of the encoder stay on the GPU.
+        let encoder = self.0.encoder.as_ref().filter(|encoder| encoder.has_head());
+        encoder.map(|encoder| &encoder.config)
     }
 
     fn release(&self) {
@@ -208,8 +306,12 @@ struct GpuForward {
     network: GpuNetwork,
     size: (usize, usize),
     features: Arc<Features>,
-    pending: Mutex<Option<Pending>>,
+    pending: Mutex<Option<(Pending, InFlight)>>,
     affinities: OnceLock<Vec<f32>>,
+    /// What the depth head predicts, until it is read.
+    depths: Mutex<Option<Pending>>,
+    /// The image that the encoder read.
+    patches: Option<Place>,
 }
 
 impl Forward for GpuForward {
@@ -224,12 +326,22 @@ impl Forward for GpuForward {
         let read = || {
             let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
             let gpu = &self.network.0.gpu;
-            let values = pending
-                .take()
-                .map(|pending| gpu.wait(Part::Network, pending));
+            let values = pending.take();
+            let values = values.map(|(pending, _in_flight)| gpu.wait(Part::Network, pending));
             values.unwrap_or_default()
         };
         (self.affinities.get_or_init(read).clone(), self.size)
+    }
+
+    fn published_depths(&self) -> Option<(Vec<f32>, (usize, usize))> {
+        let place = self.patches?;
+        let pending = self
+            .depths
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take()?;
+        let values = self.network.0.gpu.wait(Part::Network, pending);
+        Some((values, (place.height, place.width)))
     }
 }
 

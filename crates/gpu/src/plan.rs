@@ -1,11 +1,13 @@
 //! The launches of a network for one size of images, and where its maps lie in their buffer.
 
 use crate::device::Gpu;
-use crate::kernel::{Kernel, MOST_GROUPS, PARAMETERS, PARTS, Source, Tile, UNITS};
+use crate::kernel::{
+    Activation, Form, Kernel, MOST_GROUPS, PARAMETERS, PARTS, QUERIES, Source, Tile, UNITS,
+};
 use crate::traffic::Part;
 use crate::weights::{GpuLayer, NONE, quads};
 use lsdc_core::SettingsError;
-use lsdc_core::network::Executor;
+use lsdc_core::network::{Executor, HeadExecutor};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -66,6 +68,16 @@ pub(crate) struct Place {
 impl Place {
     pub(crate) fn pixels(self) -> usize {
         self.height * self.width
+    }
+
+    /// The same place without its first pixels, as a map of another size.
+    pub(crate) fn after(self, pixels: usize, (height, width): (usize, usize)) -> Self {
+        Self {
+            offset: self.offset + pixels * self.quads,
+            height,
+            width,
+            quads: self.quads,
+        }
     }
 
     /// Bytes from the start of the buffer, and of the map.
@@ -141,6 +153,89 @@ impl Recorder {
         self.steps.borrow().len()
     }
 
+    /// The product of tokens, normalised first if `norm` is where gain and shift are, and what follows a layer.
+    pub(crate) fn token_layer(
+        &self,
+        layer: &GpuLayer,
+        x: &Map,
+        norm: Option<u32>,
+        skip: Option<&Map>,
+        activation: Activation,
+    ) -> Map {
+        let Place { height, width, .. } = x.place();
+        let output = self.map((height, width), quads(layer.outputs));
+        let source = match norm {
+            Some(_) => Source::Normalised,
+            None => Source::Convolved,
+        };
+        self.product(
+            source,
+            [layer, layer],
+            [x.place(), output.place()],
+            norm,
+            (skip.map(Map::place), activation),
+        );
+        output
+    }
+
+    /// A layer whose output is part of another map, plus `skip`.
+    pub(crate) fn layer_into(&self, layer: &GpuLayer, x: &Map, output: Place, skip: Place) {
+        let tail = (Some(skip), Activation::None);
+        let places = [x.place(), output];
+        self.product(Source::Convolved, [layer, layer], places, None, tail);
+    }
+
+    /// Attention, given queries, keys and values of all tokens, with heads of some quads.
+    pub(crate) fn attention(&self, rows: &Map, head: usize) -> Map {
+        let place = rows.place();
+        let output = self.map((place.height, place.width), place.quads / 3);
+        let parameters = vec![place.parameters(), output.place().parameters()];
+        let groups = [
+            place.pixels().div_ceil(QUERIES),
+            place.quads / (3 * head),
+            1,
+        ];
+        self.launch(Kernel::Attention(head), parameters, groups);
+        output
+    }
+
+    /// Tokens of as many places of `size` (rows, columns), each normalised, side by side; `norm` is where gain and shift are.
+    pub(crate) fn features(&self, tokens: &[Place], size: (usize, usize), norm: u32) -> Map {
+        let quads: usize = tokens.iter().map(|place| place.quads).sum();
+        let output = self.map(size, quads);
+        let mut part = output.place().parameters();
+        for places in tokens.chunks(PARTS) {
+            let own = places[0].quads as u32;
+            let head = [part, [norm, norm + own, 0, 0]];
+            let inputs = places.iter().map(|place| place.parameters());
+            let groups = [size.0 * size.1, places.len(), 1];
+            self.launch(
+                Kernel::Features,
+                head.into_iter().chain(inputs).collect(),
+                groups,
+            );
+            part[0] += own * places.len() as u32;
+        }
+        output
+    }
+
+    /// A map in another form.
+    fn resampled(&self, form: Form, x: &Map, output: &Map, other: u32) {
+        let place = output.place();
+        self.launch(
+            Kernel::Resampled(form),
+            vec![x.place().parameters(), place.parameters(), [other, 0, 0, 0]],
+            spread((place.pixels() * place.quads).div_ceil(UNITS)),
+        );
+    }
+
+    /// The first channel of a map, four pixels in a quad.
+    pub(crate) fn packed(&self, x: &Map) -> Map {
+        let output = self.map((1, x.place().pixels().div_ceil(4)), 1);
+        self.resampled(Form::Packed, x, &output, 0);
+        output
+    }
+
     fn launch(&self, kernel: Kernel, parameters: Vec<[u32; 4]>, groups: [usize; 3]) {
         self.steps.borrow_mut().push(Step {
             kernel,
@@ -152,28 +247,48 @@ impl Recorder {
     fn convolution(
         &self,
         source: Source,
-        [first, second]: [&GpuLayer; 2],
+        layers: [&GpuLayer; 2],
         x: &Map,
         size: (usize, usize),
         (skip, relu): (Option<&Map>, bool),
     ) -> Map {
-        let output = self.map(size, quads(second.outputs));
-        let (place, spec) = (output.place(), first.spec);
+        let output = self.map(size, quads(layers[1].outputs));
+        let activation = if relu {
+            Activation::Relu
+        } else {
+            Activation::None
+        };
+        let places = [x.place(), output.place()];
+        let tail = (skip.map(Map::place), activation);
+        self.product(source, layers, places, None, tail);
+        output
+    }
+
+    fn product(
+        &self,
+        source: Source,
+        [first, second]: [&GpuLayer; 2],
+        [x, output]: [Place; 2],
+        norm: Option<u32>,
+        (skip, activation): (Option<Place>, Activation),
+    ) {
+        let spec = first.spec;
         let window = [first.taps, spec.stride, spec.padding, spec.dilation];
-        let tile = Tile::new(place.pixels(), place.quads);
-        let [x_groups, y_groups] = tile.groups(place.pixels(), place.quads);
+        let tile = Tile::new(output.pixels(), output.quads);
+        let [x_groups, y_groups] = tile.groups(output.pixels(), output.quads);
+        let activation = activation as u32;
         self.launch(
-            Kernel::Convolution(source, tile),
+            Kernel::Convolution(source, tile, second.half),
             vec![
-                x.place().parameters(),
-                place.parameters(),
+                x.parameters(),
+                output.parameters(),
                 window.map(|v| v as u32),
-                [second.weights, second.bias, relu.into(), first.weights],
-                skip.map_or(NOTHING, |map| map.place().parameters()),
+                [second.weights, second.bias, activation, first.weights],
+                skip.map_or(NOTHING, Place::parameters),
+                [norm.unwrap_or(NONE), second.scale, 0, 0],
             ],
             [x_groups, y_groups, 1],
         );
-        output
     }
 }
 
@@ -259,6 +374,40 @@ impl Executor for Recorder {
         let Place { height, width, .. } = maps[0].place();
         let output = self.map((height, width), quads);
         self.concatenation(&all, &output);
+        output
+    }
+}
+
+impl HeadExecutor for Recorder {
+    fn size(&self, map: &Map) -> (usize, usize) {
+        let Place { height, width, .. } = map.place();
+        (height, width)
+    }
+
+    fn rectified(&self, map: &Map) -> Map {
+        let output = self.map(self.size(map), map.place().quads);
+        self.resampled(Form::Rectified, map, &output, 0);
+        output
+    }
+
+    fn sum(&self, one: &Map, other: &Map) -> Map {
+        let output = self.map(self.size(one), one.place().quads);
+        self.resampled(Form::Sum, one, &output, other.place().offset as u32);
+        output
+    }
+
+    fn in_blocks(&self, layer: &GpuLayer, side: usize, x: &Map) -> Map {
+        let product = self.layer(layer, x, None, false);
+        let Place { height, width, .. } = product.place();
+        let size = (side * height, side * width);
+        let output = self.map(size, product.place().quads / (side * side));
+        self.resampled(Form::Blocks, &product, &output, side as u32);
+        output
+    }
+
+    fn enlarged_by_corners(&self, map: &Map, size: (usize, usize)) -> Map {
+        let output = self.map(size, map.place().quads);
+        self.resampled(Form::Corners, map, &output, 0);
         output
     }
 }

@@ -2,14 +2,17 @@
 
 use crate::device::Pending;
 use crate::head::{Features, Head};
+use crate::kernel::Activation;
 use crate::plan::{Launches, Map, Place, Recorder};
 use crate::traffic::Part;
 use crate::weights::{GpuLayer, Packer, quads};
 use crate::{Adapter, Gpu};
 use lsdc_core::bilinear::neighbours;
 use lsdc_core::network::{
-    Executor as _, FirstFunction, HeadWeights, LinearWeights, MAX_LOG_DEPTH, Prepare as _, codes,
+    Executor as _, FirstFunction, HeadExecutor as _, HeadWeights, LAYER_EPSILON, LinearWeights,
+    MAX_LOG_DEPTH, Prepare as _, TokenLayer, codes,
 };
+use lsdc_kernels::attention::gelu;
 use lsdc_kernels::conv::{ConvSpec, Layer};
 use lsdc_kernels::simd::{Level, Scratch, Tail};
 use lsdc_rng::Rng;
@@ -326,6 +329,246 @@ fn sums_with_enlarged_maps_agree() {
             |recorder, maps| recorder.enlarged(&maps[1], &maps[0]),
         );
         agree("enlarged", &found.values, &map.enlarged(fine).values);
+    }
+}
+
+/// Rows with mean 0 and variance 1, then gain and shift, in f64.
+fn normalised(x: &HostMap, (gain, shift): (&[f32], &[f32])) -> Vec<f64> {
+    let rows = x.values.chunks_exact(x.channels);
+    rows.flat_map(|row| {
+        let row: Vec<f64> = row.iter().copied().map(f64::from).collect();
+        let mean = row.iter().sum::<f64>() / row.len() as f64;
+        let squares: f64 = row.iter().map(|v| (v - mean).powi(2)).sum();
+        let scale = 1.0 / (squares / row.len() as f64 + f64::from(LAYER_EPSILON)).sqrt();
+        let tails = gain.iter().zip(shift);
+        let values = row.iter().zip(tails);
+        let value =
+            |(v, (g, s)): (&f64, (&f32, &f32))| (v - mean) * scale * f64::from(*g) + f64::from(*s);
+        values.map(value).collect::<Vec<f64>>()
+    })
+    .collect()
+}
+
+#[test]
+fn token_layers_agree() {
+    let Some(gpu) = gpu() else { return };
+    // As many tokens as make tiles of every height.
+    for (tokens, [inputs, outputs], half) in [
+        (1, [8, 4], false),
+        (50, [20, 36], true),
+        (769, [64, 96], false),
+        (769, [96, 64], true),
+        (2500, [16, 256], true),
+    ] {
+        let rounded = |value: f32| half::f16::from_f32(value).to_f32();
+        let draws = random(inputs * outputs, "weights").into_iter();
+        let weights: Vec<f32> = draws.map(|v| if half { rounded(v) } else { v }).collect();
+        let [bias, scale] = ["bias", "scale"].map(|name| random(outputs, name));
+        let [gain, shift] = ["gain", "shift"].map(|name| random(inputs, name));
+        let mut x = HostMap::random((1, tokens), inputs, "x");
+        // A mean that is not 0, and channels much larger than the others.
+        x.values.iter_mut().for_each(|value| *value += 0.5);
+        x.values
+            .iter_mut()
+            .step_by(7)
+            .for_each(|value| *value *= 20.0);
+        let skip = HostMap::random((1, tokens), outputs, "skip");
+        for norms in [false, true] {
+            let rows = if norms {
+                normalised(&x, (&gain, &shift))
+            } else {
+                x.values.iter().copied().map(f64::from).collect()
+            };
+            let products = rows.chunks_exact(inputs).flat_map(|row| {
+                let of = |o: usize| {
+                    let own = &weights[o * inputs..][..inputs];
+                    let terms = row.iter().zip(own).map(|(x, w)| x * f64::from(*w));
+                    terms.sum::<f64>() + f64::from(bias[o])
+                };
+                (0..outputs).map(of).collect::<Vec<f64>>()
+            });
+            let products: Vec<f64> = products.collect();
+            let packer = Packer::default();
+            let layer = TokenLayer {
+                weights: &weights,
+                bias: &bias,
+                scale: Some(&scale),
+            };
+            let scaled = packer.token_layer(&layer);
+            let plain = packer.token_layer(&TokenLayer {
+                scale: None,
+                ..layer
+            });
+            assert_eq!(scaled.half, half);
+            let norm = packer.norm((&gain, &shift));
+            let norm = norms.then_some(norm);
+            let packed = packer.into_values();
+            let found = |record: &dyn Fn(&Recorder, &[Map]) -> Map| {
+                let packer = Packer::default();
+                packer.rows(&packed, packed.len(), 0);
+                computed(&gpu, packer, &[&x, &skip], outputs, record).values
+            };
+            let sums = products.iter().zip(scale.iter().cycle()).zip(&skip.values);
+            let expected: Vec<f32> = sums
+                .map(|((v, s), skip)| (v * f64::from(*s) + f64::from(*skip)) as f32)
+                .collect();
+            let what = format!("{tokens} tokens, {inputs} to {outputs}, {norms}");
+            let sum = found(&|recorder, maps| {
+                let skip = Some(&maps[1]);
+                recorder.token_layer(&scaled, &maps[0], norm, skip, Activation::None)
+            });
+            agree(&what, &sum, &expected);
+
+            let mut expected: Vec<f32> = products.iter().map(|v| *v as f32).collect();
+            gelu(Level::here(), &mut expected);
+            let activated = found(&|recorder, maps| {
+                recorder.token_layer(&plain, &maps[0], norm, None, Activation::Gelu)
+            });
+            agree(&format!("GELU, {what}"), &activated, &expected);
+        }
+    }
+}
+
+#[test]
+fn attention_is_the_weighted_mean_of_values() {
+    let Some(gpu) = gpu() else { return };
+    for (tokens, heads, depth, scale) in [
+        (1, 1, 4, 1.0),
+        (5, 2, 8, 1.0),
+        (32, 3, 64, 1.0),
+        // Of which one score decides.
+        (33, 6, 64, 4.0),
+        (150, 2, 96, 0.3),
+    ] {
+        let width = heads * depth;
+        let mut rows = HostMap::random((1, tokens), 3 * width, "rows");
+        rows.values.iter_mut().for_each(|value| *value *= scale);
+        let mut expected = vec![0.0; tokens * width];
+        for (query, head) in (0..tokens).flat_map(|query| (0..heads).map(move |h| (query, h))) {
+            let at = |token: usize, which: usize, k: usize| {
+                rows.at(0, token, which * width + head * depth + k)
+            };
+            let score = |key: usize| {
+                let terms = (0..depth).map(|k| at(query, 0, k) * at(key, 1, k));
+                terms.sum::<f64>() / (depth as f64).sqrt()
+            };
+            let scores: Vec<f64> = (0..tokens).map(score).collect();
+            let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let shares: Vec<f64> = scores.iter().map(|score| (score - most).exp()).collect();
+            let total: f64 = shares.iter().sum();
+            for k in 0..depth {
+                let terms = shares.iter().enumerate();
+                let sum: f64 = terms.map(|(key, share)| share * at(key, 2, k)).sum();
+                expected[query * width + head * depth + k] = (sum / total) as f32;
+            }
+        }
+        let found = computed(
+            &gpu,
+            Packer::default(),
+            &[&rows],
+            width,
+            |recorder, maps| recorder.attention(&maps[0], quads(depth)),
+        );
+        agree(
+            &format!("{tokens} tokens, {heads} heads"),
+            &found.values,
+            &expected,
+        );
+    }
+}
+
+#[test]
+fn features_of_tokens_agree() {
+    let Some(gpu) = gpu() else { return };
+    let (size, channels) = ((3, 5), 36);
+    let taps = ["one", "two", "three"].map(|name| HostMap::random((1, 16), channels, name));
+    let [gain, shift] = ["gain", "shift"].map(|name| random(channels, name));
+    let rows = taps.each_ref().map(|tap| normalised(tap, (&gain, &shift)));
+    // Without the class token, which is the first.
+    let of_patch = |patch: usize| {
+        let of_tap = move |rows: &Vec<f64>| rows[patch * channels..][..channels].to_vec();
+        rows.iter()
+            .flat_map(of_tap)
+            .map(|v| v as f32)
+            .collect::<Vec<f32>>()
+    };
+    let expected: Vec<f32> = (1..16).flat_map(of_patch).collect();
+    let packer = Packer::default();
+    let norm = packer.norm((&gain, &shift));
+    let inputs: Vec<&HostMap> = taps.iter().collect();
+    let found = computed(&gpu, packer, &inputs, 3 * channels, |recorder, maps| {
+        let places: Vec<Place> = maps.iter().map(|map| map.place().after(1, size)).collect();
+        recorder.features(&places, size, norm)
+    });
+    assert_eq!(found.size, size);
+    agree("features", &found.values, &expected);
+}
+
+#[test]
+fn maps_in_other_forms_agree() {
+    let Some(gpu) = gpu() else { return };
+    let packer = Packer::default;
+    for (from, to) in [
+        ((1, 1), (2, 3)),
+        ((5, 7), (9, 13)),
+        ((6, 8), (84, 112)),
+        ((4, 4), (4, 4)),
+    ] {
+        let x = HostMap::random(from, 8, "x");
+        let place = |i: usize, from: usize, to: usize| {
+            i as f64 * (from - 1) as f64 / (to - 1).max(1) as f64
+        };
+        let pixels = (0..to.0).flat_map(|i| (0..to.1).map(move |j| (i, j)));
+        let expected = pixels.flat_map(|(i, j)| {
+            let (row, column) = (place(i, from.0, to.0), place(j, from.1, to.1));
+            let (top, left) = (row as usize, column as usize);
+            let (bottom, right) = ((top + 1).min(from.0 - 1), (left + 1).min(from.1 - 1));
+            let (v, u) = (row.fract(), column.fract());
+            let x = &x;
+            (0..8).map(move |c| {
+                let upper = x.at(top, left, c) * (1.0 - u) + x.at(top, right, c) * u;
+                let lower = x.at(bottom, left, c) * (1.0 - u) + x.at(bottom, right, c) * u;
+                (upper * (1.0 - v) + lower * v) as f32
+            })
+        });
+        let expected: Vec<f32> = expected.collect();
+        let found = computed(&gpu, packer(), &[&x], 8, |recorder, maps| {
+            recorder.enlarged_by_corners(&maps[0], to)
+        });
+        agree(&format!("{from:?} to {to:?}"), &found.values, &expected);
+    }
+    let [x, other] = ["x", "other"].map(|name| HostMap::random((5, 7), 10, name));
+    let found = computed(&gpu, packer(), &[&x], 10, |recorder, maps| {
+        recorder.rectified(&maps[0])
+    });
+    agree("rectified", &found.values, &x.clone().rectified().values);
+    let found = computed(&gpu, packer(), &[&x, &other], 10, |recorder, maps| {
+        recorder.sum(&maps[0], &maps[1])
+    });
+    agree("sum", &found.values, &x.clone().plus(&other).values);
+    let found = computed(&gpu, packer(), &[&x], 4, |recorder, maps| {
+        recorder.packed(&maps[0])
+    });
+    let firsts: Vec<f32> = x.values.chunks_exact(10).map(|pixel| pixel[0]).collect();
+    agree("packed", &found.values[..35], &firsts);
+
+    for side in [2, 4] {
+        let layer = Convolution::new([side * side * 8, 10, 1], ConvSpec::pointwise(), true);
+        let product = layer.on_cpu(&x);
+        let pixels = (0..5 * side).flat_map(|i| (0..7 * side).map(move |j| (i, j)));
+        let expected = pixels.flat_map(|(i, j)| {
+            let place = i % side * side + j % side;
+            let pixel = i / side * 7 + j / side;
+            product.values[(pixel * side * side + place) * 8..][..8].to_vec()
+        });
+        let expected: Vec<f32> = expected.collect();
+        let packer = packer();
+        let prepared = layer.on_gpu(&packer);
+        let found = computed(&gpu, packer, &[&x], 8, |recorder, maps| {
+            recorder.in_blocks(&prepared, side, &maps[0])
+        });
+        assert_eq!(found.size, (5 * side, 7 * side));
+        agree("blocks", &found.values, &expected);
     }
 }
 

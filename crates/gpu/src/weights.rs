@@ -1,6 +1,7 @@
 //! The weights of all layers in one buffer, in the order in which the kernels read them.
 
-use lsdc_core::network::Prepare;
+use half::f16;
+use lsdc_core::network::{NormWeights, Prepare, TokenLayer};
 use lsdc_kernels::conv::ConvSpec;
 use std::cell::RefCell;
 
@@ -17,6 +18,10 @@ pub(crate) struct GpuLayer {
     pub(crate) weights: u32,
     /// In quads, or [`NONE`].
     pub(crate) bias: u32,
+    /// Whether the weights are in f16, which is exact.
+    pub(crate) half: bool,
+    /// What the outputs are multiplied by, in quads, or [`NONE`].
+    pub(crate) scale: u32,
 }
 
 /// Quads of four values for as many values.
@@ -41,6 +46,55 @@ impl Packer {
         let length = all.len() + 4 * quads(columns) * padding;
         all.resize(length, 0.0);
         first as u32
+    }
+
+    /// A layer of tokens; its weights are stored in f16 if that changes none of them, as of the published encoder.
+    pub(crate) fn token_layer(&self, layer: &TokenLayer<'_>) -> GpuLayer {
+        let (inputs, outputs) = (layer.depth(), layer.bias.len());
+        self.product(layer.weights, [outputs, inputs], layer.bias, layer.scale)
+    }
+
+    /// A product with weights `[outputs, inputs]`, both whole quads.
+    pub(crate) fn product(
+        &self,
+        weights: &[f32],
+        [outputs, inputs]: [usize; 2],
+        bias: &[f32],
+        scale: Option<&[f32]>,
+    ) -> GpuLayer {
+        let is_exact = |&value: &f32| f16::from_f32(value).to_f32().to_bits() == value.to_bits();
+        let half = weights.iter().all(is_exact);
+        let transposed = (0..inputs).flat_map(|i| (0..outputs).map(move |o| (i, o)));
+        let values: Vec<f32> = transposed.map(|(i, o)| weights[o * inputs + i]).collect();
+        let weights = if half {
+            let pairs = values.chunks(2).map(|pair| {
+                let bits = |i: usize| {
+                    pair.get(i)
+                        .map_or(0, |&v| u32::from(f16::from_f32(v).to_bits()))
+                };
+                f32::from_bits(bits(0) | bits(1) << 16)
+            });
+            let pairs: Vec<f32> = pairs.collect();
+            self.rows(&pairs, pairs.len(), 0)
+        } else {
+            self.rows(&values, outputs, 0)
+        };
+        GpuLayer {
+            outputs,
+            taps: 1,
+            spec: ConvSpec::pointwise(),
+            weights,
+            bias: self.rows(bias, bias.len(), 0),
+            half,
+            scale: scale.map_or(NONE, |scale| self.rows(scale, scale.len(), 0)),
+        }
+    }
+
+    /// Gain and shift of a normalisation, one after the other.
+    pub(crate) fn norm(&self, (gain, shift): NormWeights<'_>) -> u32 {
+        let first = self.rows(gain, gain.len(), 0);
+        self.rows(shift, shift.len(), 0);
+        first
     }
 
     pub(crate) fn into_values(self) -> Vec<f32> {
@@ -85,6 +139,8 @@ impl Prepare for &Packer {
             spec,
             weights: first,
             bias,
+            half: false,
+            scale: NONE,
         }
     }
 }

@@ -1,11 +1,18 @@
 //! The network on a GPU against that on the CPU, and what a completion launches and transfers.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use lsdc_core::network::{CpuNetwork, Network as _};
-use lsdc_core::{Channels, Completer, Image, Observations, Weights};
-use lsdc_gpu::{Adapter, Gpu, GpuNetwork, Part, Traffic};
+#[path = "../../../tests/depth_anything/mod.rs"]
+#[allow(dead_code)]
+mod depth_anything;
+
+use depth_anything::{encoder_weights_of, head_weights_with};
+use lsdc_core::network::{CpuNetwork, DepthHead, Encoder, EncoderConfig, Network};
+use lsdc_core::weights::Tensor;
+use lsdc_core::{Channels, Completer, DepthAnything, Image, Observations, Weights};
+use lsdc_gpu::{Adapter, Gpu, GpuNetwork, Part, Pretrained, Traffic};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The best GPU, or a software driver in its place.
@@ -37,6 +44,10 @@ fn off(found: &[f32], expected: &[f32]) -> f32 {
 fn check(weights: &Weights, gpu: &Gpu, size: (usize, usize)) {
     let here = CpuNetwork::new(&weights.network, &weights.tensors, None, Level::here()).unwrap();
     let there = GpuNetwork::new(weights, gpu).unwrap();
+    compare(&here, &there, weights.network.bases, size);
+}
+
+fn compare(here: &dyn Network, there: &dyn Network, bases: usize, size: (usize, usize)) {
     let image = random(3 * size.0 * size.1, "image");
     let [here, there] = [
         here.forward(&image, size).unwrap(),
@@ -66,7 +77,7 @@ fn check(weights: &Weights, gpu: &Gpu, size: (usize, usize)) {
         let difference = off(&found, &expected);
         assert!(difference < 1e-4, "functions at {size:?}: {difference:.1e}");
     }
-    let weights: Vec<f64> = random(weights.network.bases + 1, "weights")
+    let weights: Vec<f64> = random(bases + 1, "weights")
         .into_iter()
         .map(f64::from)
         .collect();
@@ -89,6 +100,137 @@ fn built_in_networks_agree() {
     check(&Weights::builtin(), &gpu, (57, 76));
     check(&Weights::builtin(), &gpu, (33, 41));
     check(&Weights::builtin_small(), &gpu, (50, 67));
+}
+
+/// The weights `anything` and an encoder of sines with the taps of the published one, in fewer and smaller blocks.
+fn anything() -> (Weights, EncoderConfig, BTreeMap<String, Tensor>) {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../weights/weights/anything.safetensors"
+    );
+    let weights = Weights::from_bytes(&std::fs::read(path).unwrap()).unwrap();
+    let config = EncoderConfig {
+        blocks: 4,
+        hidden: 32,
+        side: 4,
+        taps: vec![0, 1, 2, 3],
+        ..EncoderConfig::small()
+    };
+    let mut tensors = encoder_weights_of(&config);
+    // Scores of attention of about 1, as after training: with larger ones, tokens depend on the last bits of those before.
+    for tensor in tensors.values_mut() {
+        if let [_, inputs] = *tensor.shape() {
+            let scale = 2.0 / (inputs as f32).sqrt();
+            let values = tensor.values().iter().map(|value| scale * value);
+            *tensor = Tensor::new(tensor.shape().to_vec(), values.collect()).unwrap();
+        }
+    }
+    (weights, config, tensors)
+}
+
+#[test]
+fn a_network_on_an_encoder_agrees_with_its_guide() {
+    let Some(gpu) = gpu() else { return };
+    let (weights, config, encoder) = anything();
+    let head = head_weights_with(config.width, [8, 12, 8, 10]);
+    let pretrained = Pretrained {
+        config: config.clone(),
+        encoder: &encoder,
+        head: Some(&head),
+    };
+    let there = GpuNetwork::with_encoder(&weights, &pretrained, &gpu).unwrap();
+    let level = Level::here();
+    let prepared = Arc::new(Encoder::new(config.clone(), &encoder, level).unwrap());
+    let (config, tensors) = (&weights.network, &weights.tensors);
+    let here = CpuNetwork::new(config, tensors, Some(prepared), level).unwrap();
+    let size = (57, 76);
+    compare(&here, &there, config.bases, size);
+
+    let image = random(3 * size.0 * size.1, "image");
+    let features = here.forward(&image, size).unwrap().published_features();
+    let features = features.unwrap();
+    let head = DepthHead::new(&head, level).unwrap();
+    let expected = head.predict(&features).unwrap();
+    let before = gpu.traffic();
+    let forward = there.forward(&image, size).unwrap();
+    let (found, image) = forward.published_depths().unwrap();
+    assert_eq!(image, (14 * features.rows, 14 * features.columns));
+    let difference = off(&found, &expected);
+    assert!(difference < 1e-4, "guide: {difference:.1e}");
+    // Read once, as by a scene.
+    assert!(forward.published_depths().is_none());
+
+    // The image, and the same in whole patches; the head and its guide.
+    let parts = gpu.traffic();
+    let part = Part::Network as usize;
+    let traffic = parts[part].1 - before[part].1;
+    assert_eq!((traffic.uploads, traffic.readbacks), (2, 1));
+    assert_eq!(traffic.submissions, 3);
+    // 68 of the network and 54 of the head; the embedding, five for each block, and the features. The published encoder has
+    // eight blocks more: 62 launches.
+    assert!(traffic.launches <= 68 + 54 + (1 + 5 * 4 + 1), "{traffic:?}");
+    assert_eq!(
+        parts[Part::Preparation as usize],
+        before[Part::Preparation as usize]
+    );
+}
+
+#[test]
+fn a_guided_completion_agrees() {
+    let Some(gpu) = gpu() else { return };
+    let (weights, config, encoder) = anything();
+    let head = head_weights_with(config.width, [8, 12, 8, 10]);
+    let pretrained = Pretrained {
+        config: config.clone(),
+        encoder: &encoder,
+        head: Some(&head),
+    };
+    let network = Arc::new(GpuNetwork::with_encoder(&weights, &pretrained, &gpu).unwrap());
+    let level = Level::here();
+    let encoder = Arc::new(Encoder::new(config, &encoder, level).unwrap());
+    let head = DepthHead::new(&head, level).unwrap();
+    let head = DepthAnything::with_parts(encoder.clone(), head)
+        .unwrap()
+        .depth_head();
+    let builder = || Completer::builder(&weights).working_size(60, 80);
+    let size = (120, 160);
+    let (image, points) = scene(size);
+    let image = Image::new(size.1, size.0, Channels::Rgb, &image).unwrap();
+    let complete = |completer: Completer| {
+        let scene = completer
+            .with_depth_head(head.clone())
+            .unwrap()
+            .scene(&image)
+            .unwrap();
+        assert!(scene.is_guided());
+        scene.complete(&points).unwrap().depth().unwrap()
+    };
+    let expected = complete(builder().encoder(encoder).build().unwrap());
+    let found = complete(builder().network(network).build().unwrap());
+    let squares = expected.values().iter().zip(found.values());
+    let squares = squares.map(|(a, b)| f64::from(a - b).powi(2));
+    let rms = (squares.sum::<f64>() / expected.values().len() as f64).sqrt();
+    assert!(rms < 2e-3, "{rms} m");
+}
+
+#[test]
+fn images_are_in_flight_until_they_are_waited_for() {
+    let Some(gpu) = gpu() else { return };
+    let network = GpuNetwork::new(&Weights::builtin_small(), &gpu).unwrap();
+    let size = (33, 41);
+    let image = random(3 * size.0 * size.1, "image");
+    let forward = || network.forward(&image, size).unwrap();
+    assert_eq!(gpu.most_in_flight(), 0);
+    drop(forward().affinities());
+    drop(forward().affinities());
+    assert_eq!(gpu.most_in_flight(), 1);
+    let all = [forward(), forward(), forward()];
+    assert_eq!(gpu.most_in_flight(), 3);
+    let maps = all.each_ref().map(|forward| forward.affinities());
+    assert!(maps.iter().all(|map| *map == maps[0]));
+    drop(all);
+    drop([forward(), forward()]);
+    assert_eq!(gpu.most_in_flight(), 3);
 }
 
 /// An image with edges, and points on a slope.

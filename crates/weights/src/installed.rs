@@ -115,19 +115,40 @@ pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
     if !store.path(known).exists() {
         return Err(store.missing(known, "the guide `depth-anything` needs"));
     }
-    let mut head = store.load_head(known)?;
-    let chosen = layer.take_from(&mut head, &store.head_path(known))?;
-    let chosen = BTreeMap::from([(RESIZE_LAYER.to_owned(), chosen)]);
+    let (head, chosen) = head_tensors(&store, layer)?;
     // The other tensors have been compared with their identities.
     let fixed = known.head.map_or("", |head| head.identity);
-    let tensors = format!("{} {fixed} {}", known.identity, identity(&chosen));
-    head.extend(chosen);
+    let tensors = format!("{} {fixed} {chosen}", known.identity);
     let head = DepthHead::new(&head, Level::here())?;
     let found = InstalledDepthAnything {
         network: DepthAnything::with_parts(prepared_encoder()?, head)?,
         hash: sha256(tensors.as_bytes()).chars().take(16).collect(),
     };
     Ok(place.get_or_init(|| found).clone())
+}
+
+/// The tensors of the installed depth head, and the identity of the one that was chosen.
+fn head_tensors(store: &Store, layer: ResizeLayer) -> Result<(BTreeMap<String, Tensor>, String)> {
+    let [known] = &KNOWN;
+    let mut head = store.load_head(known)?;
+    let chosen = layer.take_from(&mut head, &store.head_path(known))?;
+    let chosen = BTreeMap::from([(RESIZE_LAYER.to_owned(), chosen)]);
+    let identity = identity(&chosen);
+    head.extend(chosen);
+    Ok((head, identity))
+}
+
+/// Returns the tensors of the depth head that [`guided_by_head`] uses, for other devices; nothing if it is not installed.
+///
+/// # Errors
+/// Files of the user's data folder that were damaged.
+pub fn installed_head() -> Result<Option<BTreeMap<String, Tensor>>> {
+    let store = Store::open()?;
+    if !head_exists(&store) {
+        return Ok(None);
+    }
+    let (head, _) = head_tensors(&store, ResizeLayer::default())?;
+    Ok(Some(head))
 }
 
 /// Returns Depth Anything V2 Small for a network that reads its encoder: its depth head guides the scenes of such a network
@@ -159,12 +180,14 @@ pub fn guided_by_head(completer: Completer) -> Result<Completer> {
 }
 
 fn head_if_installed() -> Result<Option<InstalledDepthAnything>> {
-    let [known] = &KNOWN;
-    let store = Store::open()?;
-    let is_there = store.path(known).exists() && store.head_path(known).exists();
-    is_there
+    head_exists(&Store::open()?)
         .then(|| depth_anything(ResizeLayer::default()))
         .transpose()
+}
+
+fn head_exists(store: &Store) -> bool {
+    let [known] = &KNOWN;
+    store.path(known).exists() && store.head_path(known).exists()
 }
 
 /// Prepares weights with the fit that they were trained for, and the encoder that they need, for the CPU.

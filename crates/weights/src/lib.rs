@@ -47,7 +47,7 @@ pub use embedded::{Embedded, embedded, named};
 pub use golden::golden;
 pub use installed::{
     InstalledDepthAnything, ResizeLayer, completer, depth_anything, encoder_of, guided_by_head,
-    head_of, installed,
+    head_of, installed, installed_head,
 };
 pub use known::{ANYTHING, KNOWN, KnownEncoder, KnownHead, identity, recognise};
 pub use lsdc_files::error;

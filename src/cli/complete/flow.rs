@@ -12,7 +12,11 @@ use std::thread::ScopedJoinHandle;
 /// Frames that wait between two stages.
 const WAITING: usize = 2;
 
-/// Brings frames through four stages in their order, each on a thread of its own. `load` may find something that `write`
+/// A frame after the network: nothing if that failed.
+type Seen<'a, F, L> = Option<(&'a F, L, Loaded, Prepared)>;
+
+/// Brings frames through four stages in their order, each on a thread of its own; the network on several, which take turns,
+/// where a GPU would idle between two frames of one. `load` may find something that `write`
 /// needs. What fails in a stage is left out of those after it.
 pub(super) fn run<F: Sync, L: Send>(
     frames: &[F],
@@ -25,17 +29,24 @@ pub(super) fn run<F: Sync, L: Send>(
 ) -> Result<()> {
     let name = &name;
     std::thread::scope(|scope| {
-        let (send_read, read) = sync_channel::<(&F, L, Loaded)>(WAITING);
-        let (send_prepared, prepared) = sync_channel::<(&F, L, Loaded, Prepared)>(1);
+        let workers = engine.images_at_once();
+        let waiting = WAITING.div_ceil(workers);
+        let channels = (0..workers).map(|_| sync_channel::<(&F, L, Loaded)>(waiting));
+        let (send_read, read): (Vec<_>, Vec<_>) = channels.unzip();
+        let channels = (0..workers).map(|_| sync_channel::<Seen<'_, F, L>>(1));
+        let (send_prepared, prepared): (Vec<_>, Vec<_>) = channels.unzip();
         let (send_fitted, fitted) = sync_channel::<(&F, L, Loaded, Fitted)>(1);
         let reader = scope.spawn(move || {
+            let mut turns = send_read.iter().cycle();
             for frame in frames {
                 if stop.load(Ordering::Relaxed) {
                     break;
                 }
                 match load(frame) {
                     Ok((found, loaded)) => {
-                        if send_read.send((frame, found, loaded)).is_err() {
+                        let worker = turns.next();
+                        let sent = worker.map(|worker| worker.send((frame, found, loaded)));
+                        if !matches!(sent, Some(Ok(()))) {
                             break;
                         }
                     }
@@ -43,21 +54,23 @@ pub(super) fn run<F: Sync, L: Send>(
                 }
             }
         });
-        let network = scope.spawn(move || {
-            for (frame, found, loaded) in read {
-                match engine.prepare(&loaded) {
-                    Ok(prepared) => {
-                        if send_prepared
-                            .send((frame, found, loaded, prepared))
-                            .is_err()
-                        {
-                            break;
+        let networks = read.into_iter().zip(send_prepared).map(|(read, send)| {
+            scope.spawn(move || {
+                for (frame, found, loaded) in read {
+                    let seen = match engine.prepare(&loaded) {
+                        Ok(prepared) => Some((frame, found, loaded, prepared)),
+                        Err(error) => {
+                            failures.add(name(frame), &error);
+                            None
                         }
+                    };
+                    if send.send(seen).is_err() {
+                        break;
                     }
-                    Err(error) => failures.add(name(frame), &error),
                 }
-            }
+            })
         });
+        let networks: Vec<_> = networks.collect();
         let writer = scope.spawn(move || {
             for (frame, found, loaded, fitted) in fitted {
                 let completed = engine.finish(&loaded.rgb, &loaded.points, fitted);
@@ -67,7 +80,12 @@ pub(super) fn run<F: Sync, L: Send>(
                 }
             }
         });
-        for (frame, found, loaded, prepared) in prepared {
+        // The first whose turn it is and who has no more ends them all.
+        let seen = prepared
+            .iter()
+            .cycle()
+            .map_while(|worker| worker.recv().ok());
+        for (frame, found, loaded, prepared) in seen.flatten() {
             match fit(frame, &loaded, prepared) {
                 Ok(fitted) => {
                     if send_fitted.send((frame, found, loaded, fitted)).is_err() {
@@ -77,9 +95,9 @@ pub(super) fn run<F: Sync, L: Send>(
                 Err(error) => failures.add(name(frame), &error),
             }
         }
-        drop(send_fitted);
+        drop((send_fitted, prepared));
         finished(writer)?;
-        finished(network)?;
+        networks.into_iter().try_for_each(finished)?;
         finished(reader)
     })
 }

@@ -35,6 +35,9 @@ pub(super) struct Engine<'a> {
     counts_outliers: bool,
 }
 
+/// Images that a GPU has at once: one that is computed, one that waits for it, and one whose results the CPU reads.
+const IMAGES_ON_GPU: usize = 3;
+
 enum Loaded {
     Trained(Box<Completer>),
     Whole(Whole),
@@ -175,6 +178,15 @@ impl<'a> Engine<'a> {
             explains: told || in_files || settings.outliers,
             counts_outliers: in_files || settings.json,
         })
+    }
+
+    /// How many threads keep the network busy.
+    pub(super) fn images_at_once(&self) -> usize {
+        let on_gpu = self.settings.model.device.starts_with("wgpu");
+        match self.method {
+            Loaded::Trained(_) if on_gpu => IMAGES_ON_GPU,
+            _ => 1,
+        }
     }
 
     /// Completes a frame that no other follows.

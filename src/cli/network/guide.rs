@@ -17,7 +17,7 @@ pub(in crate::cli) fn open_guided_completer(
     device: &str,
     guide: Option<&GuideSpec>,
 ) -> Result<Completer> {
-    let completer = open_completer(weights, device)?;
+    let completer = open_completer(weights, device, guide.is_none())?;
     if guide.is_some() || !completer.can_have_depth_head() {
         return Ok(completer);
     }
@@ -34,8 +34,9 @@ pub(in crate::cli) fn own_guide(
     device: &str,
     guide: Option<&GuideSpec>,
 ) -> Result<Option<InstalledDepthAnything>> {
-    // On other devices, the features are not read back.
-    if guide.is_some() || device != "cpu" || names_no_network(weights) {
+    // burn's tensors are not read back.
+    let predicts = device == "cpu" || device.starts_with("wgpu");
+    if guide.is_some() || !predicts || names_no_network(weights) {
         return Ok(None);
     }
     head_of(&open_weights(weights)?.network)

@@ -8,10 +8,15 @@ use lsdc_paper::systems::Predictor;
 use lsdc_train::device::{Device, device};
 use std::path::{Path, PathBuf};
 
-/// Opens weights on a device, both by name.
-pub(in crate::cli) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Completer> {
+/// Opens weights on a device, both by name. With `guided`, a GPU can predict the guide of its scenes.
+#[cfg_attr(not(feature = "gpu"), expect(unused_variables))]
+pub(in crate::cli) fn open_completer(
+    weights: Option<&Path>,
+    name: &str,
+    guided: bool,
+) -> Result<Completer> {
     #[cfg(feature = "gpu")]
-    if let Some(completer) = super::gpu::open_completer(weights, name)? {
+    if let Some(completer) = super::gpu::open_completer(weights, name, guided)? {
         return Ok(completer);
     }
     lsdc_train::predict::open_completer(weights, &device(name)?)

@@ -83,3 +83,22 @@ pub trait Executor {
         layers.fold(x, |x, layer| self.layer(layer, &x, None, true))
     }
 }
+
+/// Runs what the depth head of an encoder needs beside the layers of networks.
+pub trait HeadExecutor: Executor {
+    /// Height and width of a map.
+    fn size(&self, map: &Self::Map) -> (usize, usize);
+
+    /// A map without its negative values.
+    fn rectified(&self, map: &Self::Map) -> Self::Map;
+
+    /// The sum of two maps of one size.
+    fn sum(&self, one: &Self::Map, other: &Self::Map) -> Self::Map;
+
+    /// The output of a 1x1 convolution whose outputs are `[row, column, channel]` of a block of pixels of some side: each pixel
+    /// becomes its block.
+    fn in_blocks(&self, layer: &Self::Layer, side: usize, x: &Self::Map) -> Self::Map;
+
+    /// A map enlarged bilinearly to a height and width, with the centres of its corner pixels in those of the corners.
+    fn enlarged_by_corners(&self, map: &Self::Map, size: (usize, usize)) -> Self::Map;
+}

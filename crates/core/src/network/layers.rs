@@ -2,6 +2,7 @@
 
 use super::affinity_net::AffinityNet;
 use super::config::{NetworkConfig, NormKind};
+use super::encoder::EncoderConfig;
 use super::executor::{Executor, Prepare};
 use super::extractor::{ExtractedMaps, Extractor};
 use super::head::HeadWeights;
@@ -18,22 +19,26 @@ pub struct NetworkLayers<L> {
 }
 
 impl<L> NetworkLayers<L> {
-    /// The layers of a network without an encoder, from the tensors of a weights file, and the weights of its MLP.
+    /// The layers of a network from the tensors of a weights file, and the weights of its MLP. A network on an encoder needs
+    /// the sizes of this.
     ///
     /// # Errors
-    /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, and networks on an encoder,
+    /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, a missing encoder, and networks
     /// without fixed statistics to fold (group normalisation), or without hidden layers.
     pub fn new(
         config: &NetworkConfig,
+        encoder: Option<&EncoderConfig>,
         tensors: &BTreeMap<String, Tensor>,
         target: impl Prepare<Layer = L>,
     ) -> Result<(Self, HeadWeights), Error> {
         config.check()?;
-        if config.extractor.encoder > 0 {
-            return Err(WeightsError::NoEncoder.into());
-        }
+        let channels = match (config.extractor.encoder, encoder) {
+            (0, _) => None,
+            (_, Some(encoder)) => Some(encoder.channels()),
+            (_, None) => return Err(WeightsError::NoEncoder.into()),
+        };
         let tensors = Tensors::new(tensors, target);
-        let layers = Self::of(config, None, &tensors)?;
+        let layers = Self::of(config, channels, &tensors)?;
         tensors.check_all_used()?;
         Ok(layers)
     }

@@ -29,11 +29,11 @@ pub use config::{
     StageConfig,
 };
 pub use encoder::{
-    DEPTH_HEAD, DepthHead, Encoder, EncoderConfig, FeatureMap, Features, LAYER_EPSILON, PATCH,
-    in_patches, positions,
+    BlockWeights, DEPTH_HEAD, DepthHead, Encoder, EncoderConfig, EncoderWeights, FeatureMap,
+    Features, HeadLayers, LAYER_EPSILON, NormWeights, PATCH, TokenLayer, in_patches, positions,
 };
 pub use encoding::{channels, codes};
-pub use executor::{Executor, Prepare};
+pub use executor::{Executor, HeadExecutor, Prepare};
 pub use extractor::ExtractedMaps;
 pub use head::{FirstFunction, HeadWeights, MAX_LOG_DEPTH};
 pub use layers::NetworkLayers;
@@ -78,6 +78,12 @@ pub trait Forward: Debug + Send + Sync {
     /// The affinities of each pixel with its right and lower neighbour, `[height, width, 2]`, and the height
     /// and width.
     fn affinities(&self) -> (Vec<f32>, (usize, usize));
+
+    /// The relative inverse depth that the depth head of the encoder predicts, and its height and width, where the device that
+    /// the network runs on has the head too.
+    fn published_depths(&self) -> Option<(Vec<f32>, (usize, usize))> {
+        None
+    }
 
     /// The features of the encoder, for its depth head (see [`Network::published_encoder`]).
     fn published_features(&self) -> Option<Features> {

@@ -39,7 +39,16 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
     if lsdc_gpu::supports(network)
         && let Some(gpu) = crate::device::gpu(device)?
     {
-        let network = lsdc_gpu::GpuNetwork::new(weights, &gpu)?;
+        let network = if network.extractor.encoder > 0 {
+            let encoder = lsdc_gpu::Pretrained {
+                config: lsdc_core::network::EncoderConfig::small(),
+                encoder: &lsdc_weights::installed()?,
+                head: None,
+            };
+            lsdc_gpu::GpuNetwork::with_encoder(weights, &encoder, &gpu)?
+        } else {
+            lsdc_gpu::GpuNetwork::new(weights, &gpu)?
+        };
         let builder = Completer::builder(weights).network(Arc::new(network));
         return Ok(builder.build()?);
     }

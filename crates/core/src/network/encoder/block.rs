@@ -1,8 +1,7 @@
 //! A block of a transformer.
 
-use super::config::{EncoderConfig, LAYER_EPSILON};
-use crate::error::WeightsError;
-use crate::network::tensors::Tensors;
+use super::config::LAYER_EPSILON;
+use super::weights::BlockWeights;
 use lsdc_kernels::attention::{attention, gelu, layer_norm};
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 use rayon::prelude::*;
@@ -29,39 +28,28 @@ pub(super) struct Block {
 }
 
 impl Block {
-    pub(super) fn new(
-        config: &EncoderConfig,
-        index: usize,
-        tensors: &Tensors<'_>,
-    ) -> Result<Self, WeightsError> {
-        let (width, hidden) = (config.width, config.hidden);
-        let name = |part: &str| format!("blocks.{index}.{part}");
-        let vector = |part: &str, length: usize| tensors.values(&name(part), &[length]);
-        let norm = |part: &str| -> Result<_, WeightsError> {
-            let gain = vector(&format!("{part}.weight"), width)?.to_vec();
-            Ok((gain, vector(&format!("{part}.bias"), width)?.to_vec()))
-        };
-        let linear = |part: &str, (depth, columns): (usize, usize), scale: Option<&str>| {
-            let weights = tensors.values(&name(&format!("{part}.weight")), &[columns, depth])?;
-            let bias = vector(&format!("{part}.bias"), columns)?;
-            let scales = match scale {
-                Some(scale) => vector(scale, columns)?.to_vec(),
-                None => vec![1.0; columns],
-            };
-            let bias: Vec<f32> = bias.iter().zip(&scales).map(|(b, s)| b * s).collect();
-            let at = |row: usize, column: usize| weights[column * depth + row] * scales[column];
-            Ok::<_, WeightsError>(Packed::new(tensors.target, (depth, columns), &bias, at))
-        };
-        Ok(Self {
-            level: tensors.target,
-            width,
-            heads: config.heads,
-            norms: [norm("norm1")?, norm("norm2")?],
-            queries_keys_values: linear("attn.qkv", (width, 3 * width), None)?,
-            projection: linear("attn.proj", (width, width), Some("ls1.gamma"))?,
-            first: linear("mlp.fc1", (width, hidden), None)?,
-            second: linear("mlp.fc2", (hidden, width), Some("ls2.gamma"))?,
-        })
+    pub(super) fn new(level: Level, heads: usize, weights: &BlockWeights<'_>) -> Self {
+        let [queries_keys_values, projection, first, second] = weights.layers.map(|layer| {
+            let depth = layer.depth();
+            let scale = |column: usize| layer.scale.map_or(1.0, |scales| scales[column]);
+            let bias = layer.bias.iter().enumerate();
+            let bias: Vec<f32> = bias.map(|(column, b)| b * scale(column)).collect();
+            let at =
+                |row: usize, column: usize| layer.weights[column * depth + row] * scale(column);
+            Packed::new(level, (depth, bias.len()), &bias, at)
+        });
+        Self {
+            level,
+            width: weights.norms[0].0.len(),
+            heads,
+            norms: weights
+                .norms
+                .map(|(gain, shift)| (gain.to_vec(), shift.to_vec())),
+            queries_keys_values,
+            projection,
+            first,
+            second,
+        }
     }
 
     /// Attention between the tokens, head by head; `rows` are for queries, keys and values.

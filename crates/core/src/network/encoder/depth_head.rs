@@ -2,42 +2,149 @@
 //! four taps of an encoder, which predicts relative inverse depth.
 //!
 //! Each tap becomes a map of its own resolution. The maps are fused from the coarsest to the finest, enlarged between
-//! the steps so that the centres of the corner pixels coincide (`align_corners = true` in `PyTorch`).
+//! the steps so that the centres of the corner pixels coincide (`align_corners = true` in `PyTorch`). The structure is
+//! written once, for any [`HeadExecutor`].
 
 use super::Features;
 use super::config::{EncoderConfig, PATCH};
 use crate::bilinear::between;
 use crate::error::{Error, FitError, WeightsError};
+use crate::network::executor::{HeadExecutor, Prepare};
 use crate::network::map::{Map, Pool};
 use crate::network::tensors::Tensors;
 use crate::network::workspace::Workspace;
 use crate::tensor::Tensor;
 use lsdc_kernels::conv::{ConvSpec, Layer};
 use lsdc_kernels::schedule::InTasks;
-use lsdc_kernels::simd::{Level, Packed, Tail, dot_rows};
+use lsdc_kernels::simd::{Level, dot_rows};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// What the names of the tensors of a head begin with.
 pub const DEPTH_HEAD: &str = "depth_head.";
 /// Taps that a head reads.
 const TAPS: usize = DepthHead::TAPS;
 
+/// The layers of a depth head, each prepared for some [`HeadExecutor`].
+#[derive(Debug)]
+pub struct HeadLayers<L> {
+    /// Channels of a tap.
+    width: usize,
+    /// In the order of the taps: the finest map first.
+    stages: Vec<Stage<L>>,
+    fusions: Vec<Fusion<L>>,
+    /// Before the map is enlarged to the image.
+    coarse: L,
+    /// After that.
+    fine: L,
+    /// Weights and bias of the last layer, which has one output.
+    last: (Vec<f32>, f32),
+}
+
+impl<L> HeadLayers<L> {
+    /// The layers of a head from tensors by their published names (see [`DepthHead::new`]).
+    ///
+    /// # Errors
+    /// Tensors that are missing, superfluous, or of shapes that do not match.
+    pub fn new(
+        tensors: &BTreeMap<String, Tensor>,
+        target: impl Prepare<Layer = L>,
+    ) -> Result<Self, Error> {
+        let parts = Parts {
+            all: tensors,
+            tensors: Tensors::new(tensors, target),
+        };
+        let [_, width, ..] = parts.shape("projects.0.weight")?;
+        let [features, ..] = parts.shape("scratch.layer1_rn.weight")?;
+        let [coarse, ..] = parts.shape("scratch.output_conv1.weight")?;
+        let [fine, ..] = parts.shape("scratch.output_conv2.0.weight")?;
+        let stages = (0..TAPS).map(|i| Stage::new(&parts, i, width, features));
+        let fusions = (0..TAPS).map(|i| Fusion::new(&parts, i, features));
+        let same = ConvSpec::same(1);
+        let last = "scratch.output_conv2.2";
+        let layers = Self {
+            width,
+            stages: stages.collect::<Result<_, _>>()?,
+            fusions: fusions.collect::<Result<_, _>>()?,
+            coarse: parts.conv("scratch.output_conv1", [coarse, features, 3], same)?,
+            fine: parts.conv("scratch.output_conv2.0", [fine, coarse, 3], same)?,
+            last: (
+                parts
+                    .values(&format!("{last}.weight"), &[1, fine, 1, 1])?
+                    .to_vec(),
+                parts.values(&format!("{last}.bias"), &[1])?[0],
+            ),
+        };
+        // The coarsest map is fused with none before it.
+        for conv in ["conv1", "conv2"] {
+            for part in ["weight", "bias"] {
+                let name = format!("scratch.refinenet{TAPS}.resConfUnit1.{conv}.{part}");
+                parts.tensors.ignore(&full(&name));
+            }
+        }
+        parts.tensors.check_all_used()?;
+        Ok(layers)
+    }
+
+    /// Channels of a tap.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Channels of each map whose pixels become blocks.
+    pub fn block_channels(&self) -> impl Iterator<Item = usize> {
+        self.stages.iter().filter_map(|stage| match stage.resize {
+            Resize::Enlarge { channels, .. } => Some(channels),
+            Resize::Keep | Resize::Halve(_) => None,
+        })
+    }
+
+    /// Weights and bias of the last layer, which has one output and a ReLU.
+    pub fn last(&self) -> (&[f32], f32) {
+        (&self.last.0, self.last.1)
+    }
+
+    /// What the last layer reads, `[14 rows, 14 columns, channels]`, from four taps of `size` (rows, columns); nothing from
+    /// fewer.
+    pub fn forward<M: Clone>(
+        &self,
+        taps: impl Iterator<Item = M>,
+        size: (usize, usize),
+        executor: &impl HeadExecutor<Layer = L, Map = M>,
+    ) -> Option<M> {
+        let stages = self.stages.iter().zip(taps);
+        let mut maps: Vec<M> = stages
+            .map(|(stage, tap)| stage.forward(&tap, executor))
+            .collect();
+        let mut fused: Option<M> = None;
+        for fusion in self.fusions.iter().rev() {
+            let map = maps.pop()?;
+            let size = match maps.last() {
+                Some(finer) => executor.size(finer),
+                None => {
+                    let (height, width) = executor.size(&map);
+                    (2 * height, 2 * width)
+                }
+            };
+            let sum = fusion.forward(map, fused.take(), executor);
+            fused = Some(executor.enlarged_by_corners(&sum, size));
+        }
+        let fused = fused?;
+        let coarse = executor.layer(&self.coarse, &fused, None, false);
+        drop(fused);
+        let size = (size.0 * PATCH, size.1 * PATCH);
+        let fine = executor.enlarged_by_corners(&coarse, size);
+        drop(coarse);
+        Some(executor.layer(&self.fine, &fine, None, true))
+    }
+}
+
 /// A depth head, prepared for one instruction set.
 #[derive(Debug)]
 pub struct DepthHead {
     level: Level,
-    /// Channels of a tap.
-    width: usize,
-    /// In the order of the taps: the finest map first.
-    stages: Vec<Stage>,
-    fusions: Vec<Fusion>,
-    /// Before the map is enlarged to the image.
-    coarse: Layer,
-    /// After that.
-    fine: Layer,
-    /// Weights and bias of the last layer, which has one output.
-    last: (Vec<f32>, f32),
+    layers: HeadLayers<Layer>,
     workspace: Workspace,
 }
 
@@ -51,47 +158,16 @@ impl DepthHead {
     /// # Errors
     /// Tensors that are missing, superfluous, or of shapes that do not match.
     pub fn new(tensors: &BTreeMap<String, Tensor>, level: Level) -> Result<Self, Error> {
-        let parts = Parts {
-            all: tensors,
-            tensors: Tensors::new(tensors, level),
-        };
-        let [_, width, ..] = parts.shape("projects.0.weight")?;
-        let [features, ..] = parts.shape("scratch.layer1_rn.weight")?;
-        let [coarse, ..] = parts.shape("scratch.output_conv1.weight")?;
-        let [fine, ..] = parts.shape("scratch.output_conv2.0.weight")?;
-        let stages = (0..TAPS).map(|i| Stage::new(&parts, i, width, features));
-        let fusions = (0..TAPS).map(|i| Fusion::new(&parts, i, features));
-        let same = ConvSpec::same(1);
-        let last = "scratch.output_conv2.2";
-        let head = Self {
+        Ok(Self {
             level,
-            width,
-            stages: stages.collect::<Result<_, _>>()?,
-            fusions: fusions.collect::<Result<_, _>>()?,
-            coarse: parts.conv("scratch.output_conv1", [coarse, features, 3], same)?,
-            fine: parts.conv("scratch.output_conv2.0", [fine, coarse, 3], same)?,
-            last: (
-                parts
-                    .values(&format!("{last}.weight"), &[1, fine, 1, 1])?
-                    .to_vec(),
-                parts.values(&format!("{last}.bias"), &[1])?[0],
-            ),
+            layers: HeadLayers::new(tensors, level)?,
             workspace: Workspace::default(),
-        };
-        // The coarsest map is fused with none before it.
-        for conv in ["conv1", "conv2"] {
-            for part in ["weight", "bias"] {
-                let name = format!("scratch.refinenet{TAPS}.resConfUnit1.{conv}.{part}");
-                parts.tensors.ignore(&full(&name));
-            }
-        }
-        parts.tensors.check_all_used()?;
-        Ok(head)
+        })
     }
 
     /// Channels of a tap.
     pub fn width(&self) -> usize {
-        self.width
+        self.layers.width
     }
 
     /// Relative inverse depth, `[14 rows, 14 columns]`, from the features of the encoder at four taps.
@@ -100,10 +176,10 @@ impl DepthHead {
     /// Another number of taps, or taps of another encoder.
     pub fn predict(&self, features: &Features) -> Result<Vec<f32>, FitError> {
         let (rows, columns) = (features.rows, features.columns);
-        let expected = rows * columns * self.width;
+        let expected = rows * columns * self.width();
         let fits = |tap: &Vec<f32>| tap.len() == expected && expected > 0;
         if features.taps.len() != TAPS || !features.taps.iter().all(fits) {
-            let (taps, width) = (features.taps.len(), self.width);
+            let (taps, width) = (features.taps.len(), self.width());
             return Err(FitError::Shape(format!(
                 "{taps} taps of an encoder are not {TAPS} of {rows}x{columns} patches with {width} channels"
             )));
@@ -117,7 +193,7 @@ impl DepthHead {
     /// # Errors
     /// It does not.
     pub fn check(&self, encoder: &EncoderConfig) -> Result<(), WeightsError> {
-        if encoder.taps.len() == TAPS && encoder.width == self.width {
+        if encoder.taps.len() == TAPS && encoder.width == self.width() {
             return Ok(());
         }
         let what = "its depth head reads the features of another encoder";
@@ -132,38 +208,23 @@ impl DepthHead {
     fn run(&self, features: &Features) -> Vec<f32> {
         let workspace = &self.workspace;
         let (rows, columns) = (features.rows, features.columns);
-        let read = |(stage, tap): (&Stage, &Vec<f32>)| {
-            let tap = workspace.pool.copy(tap, rows, columns, self.width);
-            stage.forward(&tap, workspace)
-        };
-        let mut maps: Vec<Map> = self.stages.iter().zip(&features.taps).map(read).collect();
-        let mut fused: Option<Map> = None;
-        for fusion in self.fusions.iter().rev() {
-            let Some(map) = maps.pop() else { break };
-            let size = match maps.last() {
-                Some(finer) => (finer.height, finer.width),
-                None => (2 * map.height, 2 * map.width),
-            };
-            let sum = fusion.forward(map, fused.take(), workspace);
-            fused = Some(enlarged(&sum, size, self.level, &workspace.pool));
-        }
-        let fused = fused.unwrap_or_default();
-        let coarse = workspace.layer(&self.coarse, &fused, None, false);
-        drop(fused);
-        let size = (rows * PATCH, columns * PATCH);
-        let fine = enlarged(&coarse, size, self.level, &workspace.pool);
-        let fine = workspace.layer(&self.fine, &fine, None, true);
-        self.inverse_depths(&fine)
+        let taps = features.taps.iter();
+        let taps = taps.map(|tap| {
+            let map = workspace.pool.copy(tap, rows, columns, self.width());
+            Arc::new(map)
+        });
+        let fine = self.layers.forward(taps, (rows, columns), workspace);
+        fine.map_or_else(Vec::new, |fine| self.inverse_depths(&fine))
     }
 
     /// The last layer, which no negative number leaves.
     fn inverse_depths(&self, map: &Map) -> Vec<f32> {
-        let (weights, bias) = &self.last;
+        let (weights, bias) = self.layers.last();
         let mut output = vec![0.0; map.pixels()];
         let lines = output.par_chunks_exact_mut(map.width);
         let rows = map.values.par_chunks_exact(map.width * map.channels());
         lines.zip(rows).each(|(line, row)| {
-            dot_rows(self.level, row, weights, *bias, line);
+            dot_rows(self.level, row, weights, bias, line);
             for value in line {
                 *value = value.max(0.0);
             }
@@ -178,12 +239,12 @@ fn full(name: &str) -> String {
 }
 
 /// The tensors of a head, by their names after the prefix.
-struct Parts<'a> {
+struct Parts<'a, P> {
     all: &'a BTreeMap<String, Tensor>,
-    tensors: Tensors<'a>,
+    tensors: Tensors<'a, P>,
 }
 
-impl<'a> Parts<'a> {
+impl<'a, P: Prepare> Parts<'a, P> {
     /// The sides of a tensor of a convolution, none of which is 0.
     fn shape(&self, name: &str) -> Result<[usize; 4], WeightsError> {
         let name = full(name);
@@ -209,34 +270,63 @@ impl<'a> Parts<'a> {
         name: &str,
         [outputs, channels, taps]: [usize; 3],
         spec: ConvSpec,
-    ) -> Result<Layer, WeightsError> {
+    ) -> Result<P::Layer, WeightsError> {
         let shape = [outputs, channels, taps, taps];
         let weights = self.values(&format!("{name}.weight"), &shape)?;
         let bias = self.values(&format!("{name}.bias"), &[outputs])?;
         let sizes = [outputs, channels, taps];
-        Ok(Layer::new(self.tensors.target, weights, sizes, bias, spec))
+        Ok(self.tensors.target.layer(weights, sizes, bias, spec))
+    }
+
+    /// A transposed convolution whose stride is the side of its kernel, as the 1x1 convolution that
+    /// [`HeadExecutor::in_blocks`] reads, and that side.
+    fn transposed(&self, name: &str, channels: usize) -> Result<(P::Layer, usize), WeightsError> {
+        let weight = format!("{name}.weight");
+        let [_, _, side, _] = self.shape(&weight)?;
+        // Inputs first.
+        let values = self.values(&weight, &[channels, channels, side, side])?;
+        let bias = self.values(&format!("{name}.bias"), &[channels])?;
+        let area = side * side;
+        let outputs = (0..area).flat_map(|place| (0..channels).map(move |output| (place, output)));
+        let weights: Vec<f32> = outputs
+            .flat_map(|(place, output)| {
+                (0..channels).map(move |input| values[(input * channels + output) * area + place])
+            })
+            .collect();
+        let sizes = [area * channels, channels, 1];
+        let bias = bias.repeat(area);
+        let pointwise = ConvSpec::pointwise();
+        Ok((
+            self.tensors.target.layer(&weights, sizes, &bias, pointwise),
+            side,
+        ))
     }
 }
 
 /// From a tap to a map of the resolution and channels that are fused.
 #[derive(Debug)]
-struct Stage {
-    project: Layer,
-    resize: Resize,
-    mix: Layer,
+struct Stage<L> {
+    project: L,
+    resize: Resize<L>,
+    mix: L,
 }
 
 /// How the map of a tap gets its resolution.
 #[derive(Debug)]
-enum Resize {
-    Enlarge(TransposedConv),
+enum Resize<L> {
+    /// Each pixel becomes a block.
+    Enlarge {
+        layer: L,
+        side: usize,
+        channels: usize,
+    },
     Keep,
-    Halve(Layer),
+    Halve(L),
 }
 
-impl Stage {
+impl<L> Stage<L> {
     fn new(
-        parts: &Parts<'_>,
+        parts: &Parts<'_, impl Prepare<Layer = L>>,
         index: usize,
         width: usize,
         features: usize,
@@ -245,7 +335,14 @@ impl Stage {
         let [own, ..] = parts.shape(&format!("{project}.weight"))?;
         let name = format!("resize_layers.{index}");
         let resize = match index {
-            0 | 1 => Resize::Enlarge(TransposedConv::new(parts, &name, own)?),
+            0 | 1 => {
+                let (layer, side) = parts.transposed(&name, own)?;
+                Resize::Enlarge {
+                    layer,
+                    side,
+                    channels: own,
+                }
+            }
             2 => Resize::Keep,
             _ => Resize::Halve(parts.conv(&name, [own, own, 3], ConvSpec::halving())?),
         };
@@ -259,79 +356,32 @@ impl Stage {
         })
     }
 
-    fn forward(&self, tap: &Map, workspace: &Workspace) -> Map {
-        let map = workspace.layer(&self.project, tap, None, false);
+    fn forward<M: Clone>(&self, tap: &M, executor: &impl HeadExecutor<Layer = L, Map = M>) -> M {
+        let map = executor.layer(&self.project, tap, None, false);
         let map = match &self.resize {
-            Resize::Enlarge(conv) => conv.forward(&map, workspace),
+            Resize::Enlarge { layer, side, .. } => executor.in_blocks(layer, *side, &map),
             Resize::Keep => map,
-            Resize::Halve(layer) => workspace.layer(layer, &map, None, false),
+            Resize::Halve(layer) => executor.layer(layer, &map, None, false),
         };
-        workspace.layer(&self.mix, &map, None, false)
-    }
-}
-
-/// A transposed convolution whose stride is the side of its kernel: each pixel becomes a block of pixels.
-#[derive(Debug)]
-struct TransposedConv {
-    /// `[channels, factor x factor x channels]`
-    weights: Packed,
-    factor: usize,
-}
-
-impl TransposedConv {
-    fn new(parts: &Parts<'_>, name: &str, channels: usize) -> Result<Self, WeightsError> {
-        let weight = format!("{name}.weight");
-        let [_, _, factor, _] = parts.shape(&weight)?;
-        // Inputs first.
-        let values = parts.values(&weight, &[channels, channels, factor, factor])?;
-        let bias = parts.values(&format!("{name}.bias"), &[channels])?;
-        let area = factor * factor;
-        let at = |row: usize, column: usize| {
-            let (place, output) = (column / channels, column % channels);
-            values[(row * channels + output) * area + place]
-        };
-        let sizes = (channels, area * channels);
-        Ok(Self {
-            weights: Packed::new(parts.tensors.target, sizes, &bias.repeat(area), at),
-            factor,
-        })
-    }
-
-    fn forward(&self, map: &Map, workspace: &Workspace) -> Map {
-        let (factor, channels) = (self.factor, map.channels());
-        let (height, width) = (factor * map.height, factor * map.width);
-        let mut output = workspace.pool.take(height, width, channels);
-        // The pixels that one pixel becomes in one row of the output lie side by side, here as in the product.
-        let run = factor * channels;
-        let row = width * channels;
-        let blocks = output.values.par_chunks_exact_mut(factor * row);
-        let inputs = map.values.par_chunks_exact(map.width * channels);
-        let scratch = &workspace.scratch;
-        blocks.zip(inputs).each(|(block, input)| {
-            scratch.with(block.len(), |product| {
-                self.weights.apply(input, Tail::default(), product);
-                for (x, runs) in product.chunks_exact(factor * run).enumerate() {
-                    for (i, values) in runs.chunks_exact(run).enumerate() {
-                        block[i * row + x * run..][..run].copy_from_slice(values);
-                    }
-                }
-            });
-        });
-        output
+        executor.layer(&self.mix, &map, None, false)
     }
 }
 
 /// A step from a coarser map to a finer one.
 #[derive(Debug)]
-struct Fusion {
+struct Fusion<L> {
     /// Of the finer map; none of the coarsest.
-    before: Option<ResidualUnit>,
-    after: ResidualUnit,
-    project: Layer,
+    before: Option<ResidualUnit<L>>,
+    after: ResidualUnit<L>,
+    project: L,
 }
 
-impl Fusion {
-    fn new(parts: &Parts<'_>, index: usize, features: usize) -> Result<Self, WeightsError> {
+impl<L> Fusion<L> {
+    fn new(
+        parts: &Parts<'_, impl Prepare<Layer = L>>,
+        index: usize,
+        features: usize,
+    ) -> Result<Self, WeightsError> {
         let name = format!("scratch.refinenet{}", index + 1);
         let unit =
             |unit: usize| ResidualUnit::new(parts, &format!("{name}.resConfUnit{unit}"), features);
@@ -345,28 +395,37 @@ impl Fusion {
     }
 
     /// The fused map at the resolution of `map`. The projection comes before the enlargement, with which it commutes.
-    fn forward(&self, map: Map, coarser: Option<Map>, workspace: &Workspace) -> Map {
+    fn forward<M: Clone>(
+        &self,
+        map: M,
+        coarser: Option<M>,
+        executor: &impl HeadExecutor<Layer = L, Map = M>,
+    ) -> M {
         let sum = match (&self.before, coarser) {
             (Some(before), Some(coarser)) => {
-                let skip = sum(&map, &coarser, workspace);
-                before.changed(&map, &skip, workspace)
+                let skip = executor.sum(&map, &coarser);
+                before.changed(&map, &skip, executor)
             }
             _ => map,
         };
-        let sum = self.after.changed(&sum, &sum, workspace);
-        workspace.layer(&self.project, &sum, None, false)
+        let sum = self.after.changed(&sum, &sum, executor);
+        executor.layer(&self.project, &sum, None, false)
     }
 }
 
 /// Two convolutions, each after a ReLU, whose output is added to the input.
 #[derive(Debug)]
-struct ResidualUnit {
-    first: Layer,
-    second: Layer,
+struct ResidualUnit<L> {
+    first: L,
+    second: L,
 }
 
-impl ResidualUnit {
-    fn new(parts: &Parts<'_>, name: &str, features: usize) -> Result<Self, WeightsError> {
+impl<L> ResidualUnit<L> {
+    fn new(
+        parts: &Parts<'_, impl Prepare<Layer = L>>,
+        name: &str,
+        features: usize,
+    ) -> Result<Self, WeightsError> {
         let conv = |part: &str| {
             let sizes = [features, features, 3];
             parts.conv(&format!("{name}.{part}"), sizes, ConvSpec::same(1))
@@ -378,41 +437,73 @@ impl ResidualUnit {
     }
 
     /// What the layers make of `map`, added to `skip`.
-    fn changed(&self, map: &Map, skip: &Map, workspace: &Workspace) -> Map {
-        let map = rectified(map, workspace);
-        let map = workspace.layer(&self.first, &map, None, true);
-        workspace.layer(&self.second, &map, Some(skip), false)
+    fn changed<M: Clone>(
+        &self,
+        map: &M,
+        skip: &M,
+        executor: &impl HeadExecutor<Layer = L, Map = M>,
+    ) -> M {
+        let map = executor.rectified(map);
+        let map = executor.layer(&self.first, &map, None, true);
+        executor.layer(&self.second, &map, Some(skip), false)
     }
 }
 
-/// A map without its negative values.
-fn rectified(map: &Map, workspace: &Workspace) -> Map {
-    let mut output = workspace.pool.take(map.height, map.width, map.channels());
-    let row = map.width * map.channels();
-    let rows = output.values.par_chunks_exact_mut(row);
-    rows.zip(map.values.par_chunks_exact(row))
-        .each(|(output, values)| {
-            for (output, value) in output.iter_mut().zip(values) {
-                *output = if *value > 0.0 { *value } else { 0.0 };
-            }
-        });
-    output
-}
+impl HeadExecutor for Workspace {
+    fn size(&self, map: &Arc<Map>) -> (usize, usize) {
+        (map.height, map.width)
+    }
 
-/// The sum of two maps of one size.
-fn sum(one: &Map, other: &Map, workspace: &Workspace) -> Map {
-    let mut output = workspace
-        .pool
-        .copy(&one.values, one.height, one.width, one.channels());
-    let row = one.width * one.channels();
-    let rows = output.values.par_chunks_exact_mut(row);
-    rows.zip(other.values.par_chunks_exact(row))
-        .each(|(output, values)| {
-            for (output, value) in output.iter_mut().zip(values) {
-                *output += value;
-            }
-        });
-    output
+    fn rectified(&self, map: &Arc<Map>) -> Arc<Map> {
+        let mut output = self.pool.take(map.height, map.width, map.channels());
+        let row = map.width * map.channels();
+        let rows = output.values.par_chunks_exact_mut(row);
+        rows.zip(map.values.par_chunks_exact(row))
+            .each(|(output, values)| {
+                for (output, value) in output.iter_mut().zip(values) {
+                    *output = if *value > 0.0 { *value } else { 0.0 };
+                }
+            });
+        Arc::new(output)
+    }
+
+    fn sum(&self, one: &Arc<Map>, other: &Arc<Map>) -> Arc<Map> {
+        let mut output = one.copied();
+        let row = one.width * one.channels();
+        let rows = output.values.par_chunks_exact_mut(row);
+        rows.zip(other.values.par_chunks_exact(row))
+            .each(|(output, values)| {
+                for (output, value) in output.iter_mut().zip(values) {
+                    *output += value;
+                }
+            });
+        Arc::new(output)
+    }
+
+    fn in_blocks(&self, layer: &Layer, side: usize, x: &Arc<Map>) -> Arc<Map> {
+        let product = self.layer(layer, x, None, false);
+        let channels = product.channels() / (side * side);
+        let (height, width) = (side * x.height, side * x.width);
+        let mut output = self.pool.take(height, width, channels);
+        // The pixels that one pixel becomes in one row of the output lie side by side, here as in the product.
+        let run = side * channels;
+        let row = width * channels;
+        let blocks = output.values.par_chunks_exact_mut(side * row);
+        blocks
+            .zip(product.values.par_chunks_exact(side * row))
+            .each(|(block, product)| {
+                for (x, runs) in product.chunks_exact(side * run).enumerate() {
+                    for (i, values) in runs.chunks_exact(run).enumerate() {
+                        block[i * row + x * run..][..run].copy_from_slice(values);
+                    }
+                }
+            });
+        Arc::new(output)
+    }
+
+    fn enlarged_by_corners(&self, map: &Arc<Map>, size: (usize, usize)) -> Arc<Map> {
+        Arc::new(enlarged(map, size, Level::here(), &self.pool))
+    }
 }
 
 /// For each of `to` pixels, the two of `from` that it lies between, and the share of the second, where the first and the

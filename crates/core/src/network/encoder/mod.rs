@@ -11,19 +11,20 @@ mod depth_head;
 mod depth_head_tests;
 mod feature_map;
 mod position;
+mod weights;
 
-use super::tensors::Tensors;
 use crate::error::{Error, FitError};
 use crate::tensor::Tensor;
 use block::{Block, tokens_per_task};
 pub use config::{EncoderConfig, LAYER_EPSILON, PATCH};
-pub use depth_head::{DEPTH_HEAD, DepthHead};
+pub use depth_head::{DEPTH_HEAD, DepthHead, HeadLayers};
 pub use feature_map::{FeatureMap, in_patches};
 use lsdc_kernels::attention::layer_norm;
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 pub use position::positions;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+pub use weights::{BlockWeights, EncoderWeights, NormWeights, TokenLayer};
 
 /// An encoder, prepared for one instruction set.
 #[derive(Debug)]
@@ -82,32 +83,25 @@ impl Encoder {
         tensors: &BTreeMap<String, Tensor>,
         level: Level,
     ) -> Result<Self, Error> {
-        config.check()?;
-        let tensors = Tensors::new(tensors, level);
+        let weights = EncoderWeights::new(&config, tensors)?;
         let (width, depth) = (config.width, 3 * PATCH * PATCH);
-        let kernel = tensors.values("patch_embed.proj.weight", &[width, 3, PATCH, PATCH])?;
-        let bias = tensors.values("patch_embed.proj.bias", &[width])?;
-        let blocks = (0..config.blocks).map(|i| Block::new(&config, i, &tensors));
-        let values = |name: &str| tensors.values(name, &[width]).map(<[f32]>::to_vec);
-        let count = 1 + config.side * config.side;
-        let encoder = Self {
+        let (kernel, bias) = weights.patch_embedding;
+        let blocks = weights.blocks.iter();
+        let blocks = blocks.map(|block| Block::new(level, config.heads, block));
+        Ok(Self {
             level,
             patch_embedding: Packed::new(level, (depth, width), bias, |row, column| {
                 // Rows are (y, x, channel), as images are stored.
                 let (pixel, channel) = (row / 3, row % 3);
                 kernel[(column * 3 + channel) * PATCH * PATCH + pixel]
             }),
-            class_token: tensors.values("cls_token", &[1, 1, width])?.to_vec(),
-            positions: tensors.values("pos_embed", &[1, count, width])?.to_vec(),
-            blocks: blocks.collect::<Result<_, _>>()?,
-            norm: (values("norm.weight")?, values("norm.bias")?),
+            class_token: weights.class_token.to_vec(),
+            positions: weights.positions.to_vec(),
+            blocks: blocks.collect(),
+            norm: (weights.norm.0.to_vec(), weights.norm.1.to_vec()),
             scratch: Scratch::default(),
             config,
-        };
-        // It replaces masked patches in training.
-        tensors.ignore("mask_token");
-        tensors.check_all_used()?;
-        Ok(encoder)
+        })
     }
 
     /// The sizes.
