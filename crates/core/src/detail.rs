@@ -5,6 +5,7 @@
 use crate::bilinear::InterpolationWeights;
 use crate::fit::SmoothField;
 use crate::upsampling::{PixelBlock, Upsampling};
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
 /// Pixels on each side of the window.
@@ -131,6 +132,21 @@ impl PixelResiduals {
         weight * own.value + (1.0 - weight) * sum / total
     }
 
+    /// Whether there are residuals in the window around each pixel of a row.
+    fn beside(&self, y: usize) -> impl Iterator<Item = bool> + use<> {
+        let rows = y.saturating_sub(REACH)..(y + REACH + 1).min(self.height);
+        let mut columns = vec![false; self.width];
+        for row in rows {
+            let row = &self.values[row * self.width..][..self.width];
+            let pairs = columns.iter_mut().zip(row);
+            pairs.for_each(|(any, residual)| *any |= residual.weight > 0.0);
+        }
+        (0..self.width).map(move |x| {
+            let end = (x + REACH + 1).min(columns.len());
+            columns[x.saturating_sub(REACH)..end].contains(&true)
+        })
+    }
+
     /// Column and row, residual and share of every other observed pixel around one.
     fn neighbours(
         &self,
@@ -248,22 +264,29 @@ impl Detail {
             let range = &mut ranges[pixel(place, size)];
             *range = [range[0].min(depth), range[1].max(depth)];
         }
-        let found = (0..size.0 * size.1).into_par_iter().map(|pixel| {
-            let own = pixel_residuals.values[pixel];
-            let added = pixel_residuals.correction(upsampling, pixel, own, (0.0, None));
-            if own.weight >= 1.0 || added == 0.0 {
-                return (added, ANY);
-            }
-            let mut limits = ranges[pixel];
-            Neighbourhood::new(pixel, size.1, size.0).each(|_, other, _| {
-                if pixel_residuals.values[other].weight > 0.0 {
-                    let [low, high] = ranges[other];
-                    limits = [limits[0].min(low), limits[1].max(high)];
+        let (mut added, mut limits) = (vec![0.0; size.0 * size.1], vec![ANY; size.0 * size.1]);
+        let rows = added
+            .par_chunks_mut(size.1)
+            .zip(limits.par_chunks_mut(size.1));
+        rows.enumerate().each(|(y, (added, limits))| {
+            let beside = pixel_residuals.beside(y);
+            let pixels = added.iter_mut().zip(limits).zip(beside).zip(y * size.1..);
+            // Without observations nearby, nothing is added.
+            for (((added, limits), _), pixel) in pixels.filter(|((_, beside), _)| *beside) {
+                let own = pixel_residuals.values[pixel];
+                *added = pixel_residuals.correction(upsampling, pixel, own, (0.0, None));
+                if own.weight >= 1.0 || *added == 0.0 {
+                    continue;
                 }
-            });
-            (added, limits)
+                *limits = ranges[pixel];
+                Neighbourhood::new(pixel, size.1, size.0).each(|_, other, _| {
+                    if pixel_residuals.values[other].weight > 0.0 {
+                        let [low, high] = ranges[other];
+                        *limits = [limits[0].min(low), limits[1].max(high)];
+                    }
+                });
+            }
         });
-        let (added, limits) = found.unzip();
         Self {
             pixel_residuals,
             added: SmoothField::from_values(size, added),
@@ -431,6 +454,25 @@ mod tests {
             pixel_residuals.reduce(&upsampling(), (&places, &large), size, &mut deviations);
             assert_eq!(deviations, before);
         }
+    }
+
+    #[test]
+    fn every_pixel_with_observations_nearby_is_corrected() {
+        // Three rows of three at a corner and within the image.
+        let block = |x: usize, y: usize| (0..9).map(move |i| [x + i % 3, y + i / 3]);
+        let places = block(0, 0).chain(block(12, 9)).chain(block(27, 17));
+        let places: Vec<[f64; 2]> = places.map(|place| place.map(|v| v as f64)).collect();
+        let residuals: Vec<f64> = (0..27).map(|i| (f64::from(i) * 2.3).sin()).collect();
+        let found = detail(&places, &residuals, &[1.0; 27]).unwrap();
+        let pixels = 0..SIZE.0 * SIZE.1;
+        let all = pixels.map(|pixel| {
+            let own = found.pixel_residuals.values[pixel];
+            let all = &found.pixel_residuals;
+            all.correction(&upsampling(), pixel, own, (0.0, None))
+        });
+        let all: Vec<f32> = all.collect();
+        assert!(all.iter().filter(|value| **value != 0.0).count() > 27 + 3 * 5);
+        assert_eq!(found.added, SmoothField::from_values(SIZE, all));
     }
 
     #[test]

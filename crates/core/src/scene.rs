@@ -21,13 +21,15 @@ use crate::resize::resized;
 use crate::upsampling::Upsampling;
 use crate::usable::UsableObservations;
 use lsdc_kernels::clock::Instant;
-use lsdc_kernels::schedule::join;
+use lsdc_kernels::schedule::{InTasks, join};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 /// The most points whose basis functions are in memory at once.
 const MOST_EVALUATED: usize = 1 << 13;
+/// Points that a task reads.
+const TOGETHER: usize = 1 << 7;
 
 /// The basis functions and affinities of an image.
 ///
@@ -358,15 +360,19 @@ impl Inner {
         let functions = self.exactly_at(upsampling.grid(), &centres);
         let count = functions.len() / pixels.len().max(1);
         let mut rows = vec![0.0; places.len() * count];
-        let pairs = rows.par_chunks_mut(count.max(1)).zip(&interpolation);
-        pairs.for_each(|(row, interpolation)| {
-            for (pixel, share) in interpolation.iter() {
-                let place = pixels.partition_point(|&other| other < pixel);
-                let functions = &functions[place * count..][..count];
-                let share = share as f32;
-                row.iter_mut()
-                    .zip(functions)
-                    .for_each(|(sum, function)| *sum += share * function);
+        let parts = rows.par_chunks_mut((TOGETHER * count).max(1));
+        let parts = parts.zip(interpolation.par_chunks(TOGETHER));
+        parts.each(|(rows, interpolation)| {
+            let pairs = rows.chunks_exact_mut(count).zip(interpolation);
+            for (row, interpolation) in pairs {
+                for (pixel, share) in interpolation.iter() {
+                    let place = pixels.partition_point(|&other| other < pixel);
+                    let functions = &functions[place * count..][..count];
+                    let share = share as f32;
+                    row.iter_mut()
+                        .zip(functions)
+                        .for_each(|(sum, function)| *sum += share * function);
+                }
             }
         });
         rows
@@ -420,7 +426,8 @@ impl Inner {
     fn bases_at_points(&self, usable: &UsableObservations, rounds: bool) -> Option<Vec<f32>> {
         let grid = self.grid();
         // Where their sum at all points is read from a map of the grid, a fit without rounds evaluates a sample.
-        let most = if rounds || self.upsampling.is_none() {
+        let is_read = self.upsampling.is_some() || self.pixels(&usable.places).is_some();
+        let most = if rounds || !is_read {
             MOST_EVALUATED
         } else {
             field::MOST
@@ -438,6 +445,21 @@ impl Inner {
     fn grid(&self) -> (usize, usize) {
         let upsampling = self.upsampling.as_ref();
         upsampling.map_or(self.size, |upsampling| upsampling.grid())
+    }
+
+    /// The pixels of the grid that depth is solved on at these positions, if it has the size of the image and each is the
+    /// centre of a pixel.
+    fn pixels<'a>(&self, places: &'a [[f64; 2]]) -> Option<impl Iterator<Item = usize> + use<'a>> {
+        let (height, width) = self.size;
+        let centred = |&[u, v]: &[f64; 2]| {
+            let is_centre = |place: f64, length: usize| {
+                place.fract() == 0.0 && (0.0..length as f64).contains(&place)
+            };
+            is_centre(u, width) && is_centre(v, height)
+        };
+        let all = self.has_field() && self.upsampling.is_none() && places.iter().all(centred);
+        let pixel = move |&[u, v]: &[f64; 2]| v as usize * width + u as usize;
+        all.then(|| places.iter().map(pixel))
     }
 
     /// The affinities, if the fit needs them.
@@ -502,10 +524,17 @@ impl EvaluateBasis for Inner {
         if let Some(upsampling) = &self.upsampling {
             let map = self.combined(weights);
             let map: Vec<f64> = map.iter().copied().map(f64::from).collect();
-            let places = places.par_iter();
-            return places
-                .map(|&place| upsampling.interpolation(place, self.size).read(&map))
-                .collect();
+            let parts: Vec<Vec<f64>> = places.par_chunks(TOGETHER).gather(|places| {
+                let values = places.iter();
+                values
+                    .map(|&place| upsampling.interpolation(place, self.size).read(&map))
+                    .collect()
+            });
+            return parts.concat();
+        }
+        if let Some(pixels) = self.pixels(places) {
+            let map = self.combined(weights);
+            return pixels.map(|pixel| f64::from(map[pixel])).collect();
         }
         let strips = places
             .par_chunks(MOST_EVALUATED / 8)

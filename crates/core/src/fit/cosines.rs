@@ -66,17 +66,20 @@ impl CosineBasis {
         (height, width): (usize, usize),
         places: &[[f64; 2]],
     ) -> Vec<f32> {
-        let waves = || [0, 1].map(|axis| vec![0.0; self.most(axis) + 1]);
         let all = before + self.len();
         let mut values = vec![0.0; places.len() * all];
-        let pairs = values.par_chunks_mut(all.max(1)).zip(places);
-        let pairs = pairs.enumerate().with_min_len(TOGETHER);
-        pairs.for_each_init(waves, |[across, down], (i, (row, &[u, v]))| {
-            cosines(u, width, across);
-            cosines(v, height, down);
-            row[..before].copy_from_slice(&rows[i * before..][..before]);
-            for (value, &(p, q)) in row[before..].iter_mut().zip(&self.pairs) {
-                *value = across[p] * down[q];
+        let parts = values.par_chunks_mut((TOGETHER * all).max(1));
+        let parts = parts.zip(places.par_chunks(TOGETHER)).enumerate();
+        parts.each(|(part, (values, places))| {
+            let [mut across, mut down] = [0, 1].map(|axis| vec![0.0; self.most(axis) + 1]);
+            let targets = values.chunks_exact_mut(all.max(1)).zip(places);
+            for ((row, &[u, v]), i) in targets.zip(part * TOGETHER..) {
+                cosines(u, width, &mut across);
+                cosines(v, height, &mut down);
+                row[..before].copy_from_slice(&rows[i * before..][..before]);
+                for (value, &(p, q)) in row[before..].iter_mut().zip(&self.pairs) {
+                    *value = across[p] * down[q];
+                }
             }
         });
         values

@@ -10,8 +10,8 @@ use super::stacking::{Stack, StackedResiduals, residual_combination, stack_few, 
 use super::surface::Surface;
 use super::weight_estimate::WeightEstimate;
 use crate::bilinear::rescaled;
-use crate::error::{FitError, Result};
-use crate::field::{self, PrecisionSolver};
+use crate::error::{Error, FitError, Result};
+use crate::field::{self, CovarianceSolver, PrecisionSolver};
 use crate::fit::affinities::{Affinities, FieldGeometry, SmoothField};
 use crate::fit::estimate::Estimate;
 use crate::fit::lambda::Lambda;
@@ -19,7 +19,7 @@ use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::FitRows;
 use crate::fit::prior::Prior;
 use faer::Mat;
-use lsdc_kernels::schedule::join;
+use lsdc_kernels::schedule::{InTasks, join};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -59,6 +59,9 @@ struct JointSolution {
 const SAMPLE: usize = 700;
 /// The surface is not used with more observations than this: at 304x228, no pixel is far from one.
 const DENSE: usize = 30_000;
+
+/// Points of a task.
+const TOGETHER: usize = 1 << 10;
 
 impl FieldEstimator<'_> {
     /// The field alone.
@@ -102,25 +105,31 @@ impl FieldEstimator<'_> {
         let without_field =
             without_field.unwrap_or_else(|| rows.residuals(&found.solution.weights));
         let places = rows.places.unwrap_or_default();
-        let subtract = |values: &[f64], field: &[f64]| -> Vec<f64> {
-            let pairs = values.par_iter().zip(places);
-            let residual = |(value, &place): (&f64, &[f64; 2])| {
-                value - self.geometry.interpolation(place).read(field)
-            };
-            pairs.map(residual).collect()
+        // Each point is located once: of the map, of the joint fit and of the field alone.
+        let of_point = |i: usize, place: [f64; 2]| {
+            let interpolation = self.geometry.interpolation(place);
+            let (rest, read) = (without_field[i], |field: &[f64]| interpolation.read(field));
+            let map = rest - read(&found.values);
+            found.stack.as_ref().map_or([map; 3], |stack| {
+                [
+                    map,
+                    rest - read(&stack.joint),
+                    rows.values[i] - read(&stack.field),
+                ]
+            })
         };
-        let map_residuals = subtract(&without_field, &found.values);
-        let (residuals, stacked) = match found.stack {
-            None => (map_residuals, None),
-            Some(stack) => {
-                let stacked = StackedResiduals {
-                    map: map_residuals,
-                    field: subtract(&rows.values, &stack.field),
-                    share: stack.share,
-                };
-                (subtract(&without_field, &stack.joint), Some(stacked))
-            }
-        };
+        let parts = places.par_chunks(TOGETHER).enumerate();
+        let parts: Vec<Vec<[f64; 3]>> = parts.gather(|(part, places)| {
+            let points = (part * TOGETHER..).zip(places);
+            points.map(|(i, &place)| of_point(i, place)).collect()
+        });
+        let of = |fit: usize| parts.iter().flatten().map(|all| all[fit]).collect();
+        let stacked = found.stack.as_ref().map(|stack| StackedResiduals {
+            map: of(0),
+            field: of(2),
+            share: stack.share,
+        });
+        let residuals = of(1);
         let size = found.smoothness.affinities.size();
         Ok(Estimate {
             residuals,
@@ -223,29 +232,27 @@ impl FieldEstimator<'_> {
         })
     }
 
-    /// The weights from at most `most` of the observations, in a field of this smoothness.
+    /// The weights from a sample of `count` observations, in a field of this smoothness, and the field of the sample.
     fn estimate_weights(
         self,
-        (merged, most): (&MergedObservations, usize),
-        rows: &FitRows<'_>,
+        (sample, count): (SampledObservations, usize),
         (prior, lambda): (&Prior, Lambda),
         smoothness: &Smoothness,
-    ) -> Result<WeightEstimate> {
-        let sample = merged.sample(most, rows)?;
+    ) -> Result<(WeightEstimate, CovarianceSolver)> {
         let field = smoothness.covariance_solver(&sample)?;
         let all = moments(field.moments(), sample.columns(), sample.len());
         // The cosines are a part of the field.
         let (others, cosines) = all.without_last(self.ridges)?;
-        let found = others.shrunk(prior, lambda.at(merged.len()))?;
+        let found = others.shrunk(prior, lambda.at(count))?;
         let solution = cosines.extended(&found.solution);
-        Ok(WeightEstimate {
+        let estimate = WeightEstimate {
             determined: determined(&others.normal, self.ridges, &solution),
             noise: found.noise,
             lambda: found.lambda,
             solution,
             sample,
-            field,
-        })
+        };
+        Ok((estimate, field))
     }
 
     /// Few observations, from all of which the weights are estimated.
@@ -257,17 +264,21 @@ impl FieldEstimator<'_> {
     ) -> Result<JointSolution> {
         let smoothness = self.smoothness();
         let (found, surface) = join(
-            || self.estimate_weights((merged, merged.len()), rows, prior, &smoothness),
+            || {
+                let sample = merged.sample(merged.len(), rows)?;
+                self.estimate_weights((sample, merged.len()), prior, &smoothness)
+            },
             || self.surface(merged, rows),
         );
-        let found = found?;
+        let (found, field) = found?;
         let (values, stack) = match &surface {
             None => {
                 let combination = residual_combination(&found.solution.weights);
-                (found.field.extend(&combination), None)
+                (field.extend(&combination), None)
             }
             Some(surface) => {
-                let (values, stack) = stack_few(surface, (merged, rows), &found, &smoothness);
+                let (values, stack) =
+                    stack_few(surface, (merged, rows), (&found, &field), &smoothness);
                 (values, Some(stack))
             }
         };
@@ -277,7 +288,7 @@ impl FieldEstimator<'_> {
             lambda: Some(found.lambda),
             values,
             stack,
-            solver: FieldSolver::Few(found.field),
+            solver: FieldSolver::Few(field),
             smoothness,
             follows_surface: surface.is_some(),
             sample: found.sample,
@@ -294,20 +305,31 @@ impl FieldEstimator<'_> {
         prior: (&Prior, Lambda),
     ) -> Result<JointSolution> {
         let plain = self.smoothness().without_step_terms();
-        let (found, surface) = join(
-            || self.estimate_weights((merged, SAMPLE), rows, prior, &plain),
-            || self.surface(merged, rows),
-        );
-        let found = found?;
-        let solution = found.solution;
-        let mut of_sample = Some(found.field);
-        if self.geometry.transient && merged.len() > DENSE {
+        let count = merged.len();
+        let sample = merged.sample(SAMPLE, rows)?;
+        let estimate = || {
+            let (found, field) = self.estimate_weights((sample, count), prior, &plain)?;
+            let residuals = rows.residuals(&found.solution.weights);
+            Ok::<_, Error>((found, field, residuals))
+        };
+        let observe = |merged: &mut MergedObservations| {
+            let surface = self.surface(merged, rows);
+            let (field, smoothness) = self.observed(merged, surface.as_ref())?;
+            Ok::<_, Error>((surface, field, smoothness))
+        };
+        let (found, of_sample, residuals, observed) = if self.geometry.transient && count > DENSE {
             // The field of many observations is large, and only standard deviations need the field of some again.
-            of_sample = None;
+            let (found, _, residuals) = estimate()?;
             self.geometry.affinities.drop_prior();
-        }
-        let (field, smoothness) = self.observed(merged, surface.as_ref())?;
-        let residuals = rows.residuals(&solution.weights);
+            (found, None, residuals, observe(merged))
+        } else {
+            // Neither needs the other.
+            let (estimated, observed) = join(estimate, || observe(merged));
+            let (found, field, residuals) = estimated?;
+            (found, Some(field), residuals, observed)
+        };
+        let (surface, field, smoothness) = observed?;
+        let solution = found.solution;
         let targets = merged.means(&residuals);
         let (mut values, stack) = match &surface {
             None => (field.extend(&targets), None),

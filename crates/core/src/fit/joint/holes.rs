@@ -7,6 +7,7 @@
 //! basis functions that the surroundings contradict so clearly are outliers, and leave the field of the depths alone.
 
 use crate::bilinear::InterpolationWeights;
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
 /// The share of the pixels that are observed, from which on the rest is holes.
@@ -149,6 +150,17 @@ fn labelled(known: &[f64], (height, width): (usize, usize)) -> (Vec<u32>, Vec<Ho
     (labels, holes)
 }
 
+/// A range that holds nothing.
+const NOTHING: [f64; 2] = [f64::INFINITY, 0.0];
+
+fn joined([low, high]: [f64; 2], [l, h]: [f64; 2]) -> [f64; 2] {
+    // Not `min` and `max`, which would check for NaN.
+    [
+        if l < low { l } else { low },
+        if h > high { h } else { high },
+    ]
+}
+
 /// The nearest and the farthest depth within `reach` pixels of each hole.
 fn ranges(
     known: &[f64],
@@ -157,42 +169,91 @@ fn ranges(
     (height, width): (usize, usize),
     reach: f64,
 ) -> Vec<[f64; 2]> {
-    let rows = reach as usize;
-    // How far the surroundings of a pixel go to both sides in each row.
-    let half_widths: Vec<usize> = (0..=rows)
-        .map(|row| (reach * reach - (row * row) as f64).sqrt() as usize)
-        .collect();
-    let none = [f64::INFINITY, 0.0];
-    let joined = |[low, high]: [f64; 2], [l, h]: [f64; 2]| [low.min(l), high.max(h)];
-    let around = |pixel: u32| {
+    let around = ranges_around(known, (height, width), reach);
+    let is_rim = |pixel: u32| {
         let (x, y) = (pixel as usize % width, pixel as usize / width);
-        // What is near the inner pixels of a hole is near those at its rim.
-        let beside = (y.saturating_sub(1)..(y + 2).min(height))
-            .flat_map(|v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| v * width + u));
-        if beside.map(|other| labels[other]).all(|label| label != NONE) {
-            return none;
-        }
-        let mut range = none;
-        for v in y.saturating_sub(rows)..(y + rows + 1).min(height) {
-            let half = half_widths[v.abs_diff(y)];
-            let row = v * width;
-            for depth in &known[row + x.saturating_sub(half)..row + (x + half + 1).min(width)] {
-                // NaN is neither.
-                range = [range[0].min(*depth), range[1].max(*depth)];
-            }
-        }
-        range
+        let mut rows = y.saturating_sub(1)..(y + 2).min(height);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        rows.any(|v| labels[v * width..][columns.clone()].contains(&NONE))
     };
     let of_hole = |hole: &Hole| {
-        let ranges = hole.pixels.par_iter().map(|&pixel| around(pixel));
-        ranges.reduce(|| none, joined)
+        // What is near the inner pixels of a hole is near those at its rim.
+        let rim = hole.pixels.iter().filter(|&&pixel| is_rim(pixel));
+        let ranges = rim.map(|&pixel| around[pixel as usize]);
+        ranges.fold(NOTHING, joined)
     };
-    holes.par_iter().map(of_hole).collect()
+    holes.iter().map(of_hole).collect()
+}
+
+/// The nearest and the farthest depth within `reach` pixels of each pixel. A disc is a stack of runs of a row each, and
+/// the extremes of a run are those of two runs of a power of two, which all discs share.
+fn ranges_around(known: &[f64], (height, width): (usize, usize), reach: f64) -> Vec<[f64; 2]> {
+    /// Rows of a task.
+    const STRIP: usize = 32;
+    let beyond = reach as usize;
+    // How far a disc goes to both sides in each row above and below its centre.
+    let halves: Vec<usize> = (0..=beyond)
+        .map(|row| (reach * reach - (row * row) as f64).sqrt() as usize)
+        .collect();
+    let mut found = vec![NOTHING; height * width];
+    let strips = found.par_chunks_mut((STRIP * width).max(1)).enumerate();
+    strips.each(|(strip, found)| {
+        let (first, rows) = (strip * STRIP, found.len() / width);
+        let mut runs = Vec::new();
+        for y in first.saturating_sub(beyond)..(first + rows + beyond).min(height) {
+            runs_of_powers(&known[y * width..][..width], beyond, &mut runs);
+            let mut last = None;
+            let mut extremes = Vec::new();
+            for (off, &half) in halves.iter().enumerate() {
+                if last != Some(half) {
+                    let power = (2 * half + 1).ilog2();
+                    let run = &runs[power as usize];
+                    let one = &run[beyond - half..][..width];
+                    let other = &run[beyond + half + 1 - (1 << power)..][..width];
+                    extremes.clear();
+                    let pairs = one.iter().zip(other);
+                    extremes.extend(pairs.map(|(one, other)| joined(*one, *other)));
+                    last = Some(half);
+                }
+                let below = (off > 0).then_some(y + off);
+                for target in y.checked_sub(off).into_iter().chain(below) {
+                    let row = target.wrapping_sub(first);
+                    if row < rows {
+                        let targets = found[row * width..][..width].iter_mut();
+                        let pairs = targets.zip(&extremes);
+                        pairs.for_each(|(range, more)| *range = joined(*range, *more));
+                    }
+                }
+            }
+        }
+    });
+    found
+}
+
+/// The ranges of runs of 1, 2, 4, ... values of a row, NaN for none, with `beyond` more on both sides: up to the longest
+/// within `2 beyond + 1`.
+fn runs_of_powers(row: &[f64], beyond: usize, runs: &mut Vec<Vec<[f64; 2]>>) {
+    runs.clear();
+    let mut run = vec![NOTHING; row.len() + 2 * beyond];
+    for (range, &depth) in run[beyond..].iter_mut().zip(row) {
+        if !depth.is_nan() {
+            *range = [depth; 2];
+        }
+    }
+    let mut length = 1;
+    while 2 * length <= 2 * beyond + 1 {
+        let pairs = run.iter().zip(&run[length..]);
+        let longer = pairs.map(|(one, other)| joined(*one, *other)).collect();
+        runs.push(std::mem::replace(&mut run, longer));
+        length *= 2;
+    }
+    runs.push(run);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lsdc_rng::Rng;
 
     const SIZE: (usize, usize) = (40, 50);
 
@@ -207,6 +268,34 @@ mod tests {
         let depth = |&i: &usize| if i % SIZE.1 < 25 { 2.0 } else { 3.0 };
         let depths: Vec<f64> = pixels.iter().map(depth).collect();
         Holes::new(&interpolation, &depths, SIZE, SIZE.0)
+    }
+
+    #[test]
+    fn ranges_are_those_of_discs() {
+        let mut rng = Rng::stream(0, &["holes"]);
+        let (height, width) = SIZE;
+        let depth = |rng: &mut Rng| {
+            let known = rng.unit() < 0.05;
+            let depth = 1.0 + f64::from(rng.unit());
+            if known { depth } else { f64::NAN }
+        };
+        let known: Vec<f64> = (0..height * width).map(|_| depth(&mut rng)).collect();
+        for reach in [0.0, 1.0, 2.5, 7.1, 15.0, 80.0] {
+            let found = ranges_around(&known, SIZE, reach);
+            for (pixel, found) in found.into_iter().enumerate() {
+                let off = |other: usize| {
+                    let across = (other % width).abs_diff(pixel % width);
+                    let down = (other / width).abs_diff(pixel / width);
+                    (across * across + down * down) as f64
+                };
+                let inside = (0..known.len()).filter(|&other| off(other) <= reach * reach);
+                let depths = inside.map(|other| known[other]).filter(|d| !d.is_nan());
+                let expected = depths.fold(NOTHING, |[low, high], depth| {
+                    [low.min(depth), high.max(depth)]
+                });
+                assert_eq!(found, expected, "{reach} {pixel}");
+            }
+        }
     }
 
     #[test]

@@ -32,6 +32,9 @@ pub(super) struct MergedObservations {
     starts: Vec<usize>,
 }
 
+/// Observations of a task.
+const TOGETHER: usize = 128;
+
 /// No observation.
 const NONE: u32 = u32::MAX;
 
@@ -88,8 +91,12 @@ impl MergedObservations {
                 geometry.on_grid(place),
             )
         };
-        let found: Vec<_> = groups.into_par_iter().gather(observation);
-        let count = found.len();
+        let parts = groups.par_chunks_mut(TOGETHER);
+        let found: Vec<Vec<_>> = parts.gather(|groups| {
+            let groups = groups.iter_mut();
+            groups.map(|points| observation(points)).collect()
+        });
+        let count = groups.len();
         let mut merged = Self {
             interpolation: Vec::with_capacity(count),
             weights: Vec::with_capacity(count),
@@ -102,7 +109,9 @@ impl MergedObservations {
             members,
             starts,
         };
-        for (observation, (interpolation, total, depth, place)) in found.into_iter().enumerate() {
+        for (observation, (interpolation, total, depth, place)) in
+            found.into_iter().flatten().enumerate()
+        {
             let range = merged.starts[observation]..merged.starts[observation + 1];
             merged.means.push(total / range.len() as f64);
             for &i in &merged.members[range] {
@@ -174,8 +183,6 @@ impl MergedObservations {
         most: usize,
         rows: &FitRows<'_>,
     ) -> Result<SampledObservations, FitError> {
-        /// Observations whose points are evaluated at once.
-        const TOGETHER: usize = 128;
         let chosen = choice(self.len(), most);
         let columns = rows.columns();
         let mut values = vec![0.0; chosen.len() * (columns + 1)];

@@ -81,10 +81,10 @@ pub(super) fn residual_combination(weights: &[f64]) -> Vec<f64> {
 pub(super) fn stack_few(
     surface: &Surface,
     (merged, rows): (&MergedObservations, &FitRows<'_>),
-    found: &WeightEstimate,
+    (found, field): (&WeightEstimate, &CovarianceSolver),
     smoothness: &Smoothness,
 ) -> (Vec<f64>, Stack) {
-    let (field, weights) = (&found.field, &found.solution.weights);
+    let weights = &found.solution.weights;
     let grid = smoothness.grid();
     let (functions, held_out) = join(
         || basis_map(rows, weights, smoothness),

@@ -93,9 +93,10 @@ impl Surface {
         };
         let wide = GAP * mesh.usual_gap();
         let narrow = |gap: f64| 1.0 / (1.0 + (gap / wide).powi(2));
-        for (plane, confidence) in mesh.planes.iter().zip(&mesh.confidence) {
+        let triangles = mesh.planes.iter().zip(&mesh.confidence).zip(&mesh.gaps);
+        for ((plane, confidence), gap) in triangles {
             let Some(plane) = plane else { continue };
-            let narrow = narrow(plane.longest_edge());
+            let narrow = narrow(*gap);
             plane.fill(size, |pixel, inverse| {
                 found.depths[pixel] = inverse.recip();
                 found.confidence[pixel] = *confidence;
@@ -255,7 +256,7 @@ pub(super) fn left_out(
     for edge in 0..mesh.triangulation.triangles.len() {
         edges[mesh.triangulation.triangles[next_halfedge(edge)]] = edge;
     }
-    let one = |(observation, &edge): (usize, &usize)| {
+    let one = |observation: usize, &edge: &usize| {
         let (ring, confidence) = mesh.around(edge)?;
         // Without an observation, those around it are triangulated as they would be alone: no other lies in their circles.
         let own: Vec<[f64; 2]> = ring.iter().map(|&other| places[other]).collect();
@@ -268,7 +269,18 @@ pub(super) fn left_out(
         let depth = plane.at(places[observation]).recip();
         Some(LeftOut { depth, confidence })
     };
-    edges.par_iter().enumerate().map(one).collect()
+    of_all(&edges, one)
+}
+
+/// What follows from each item and its index, in tasks of many.
+fn of_all<T: Sync, R: Send>(items: &[T], of: impl Fn(usize, &T) -> R + Sync) -> Vec<R> {
+    /// Items of a task.
+    const MANY: usize = 1 << 8;
+    let parts: Vec<Vec<R>> = items.par_chunks(MANY).enumerate().gather(|(part, items)| {
+        let own = (part * MANY..).zip(items);
+        own.map(|(i, item)| of(i, item)).collect()
+    });
+    parts.into_iter().flatten().collect()
 }
 
 /// The Delaunay triangulation of observations.
@@ -276,6 +288,8 @@ struct Mesh {
     triangulation: Triangulation,
     /// Of each triangle; none if its corners lie on a line.
     planes: Vec<Option<Plane>>,
+    /// The longest edge of each, in pixels.
+    gaps: Vec<f64>,
     confidence: Vec<f64>,
 }
 
@@ -287,45 +301,47 @@ impl Mesh {
             return None;
         }
         let inverse: Vec<f64> = depths.iter().map(|depth| depth.recip()).collect();
-        let corners = || triangulation.triangles.as_chunks::<3>().0.iter();
-        let planes = corners().map(|&corners| Plane::through(corners, places, &inverse));
-        let planes: Vec<Option<Plane>> = planes.collect();
-        let confidence = corners()
-            .zip(&planes)
-            .enumerate()
-            .map(|(i, (corners, plane))| {
-                let Some(plane) = plane else { return 0.0 };
-                let hinge = |k: usize| {
-                    let other = triangulation.halfedges[3 * i + k];
-                    if other == EMPTY {
-                        return f64::INFINITY;
-                    }
-                    let apex = triangulation.triangles[next_halfedge(next_halfedge(other))];
-                    plane.off(places[apex], inverse[apex])
-                };
-                let of = |values: &[f64]| corners.map(|corner| values[corner]);
-                let [a, b, c] = of(depths);
-                let spread = a.max(b).max(c) / a.min(b).min(c);
-                let [a, b, c] = of(firmness);
-                let square =
-                    (middle([0, 1, 2].map(hinge)) / HINGE).powi(2) + (spread.ln() / SPREAD).powi(2);
-                a.min(b).min(c) / (1.0 + square)
-            });
-        let confidence = confidence.collect();
+        let corners = triangulation.triangles.as_chunks::<3>().0;
+        let planes = of_all(corners, |_, &corners| {
+            Plane::through(corners, places, &inverse)
+        });
+        let gaps = of_all(&planes, |_, plane| {
+            plane.as_ref().map_or(0.0, Plane::longest_edge)
+        });
+        let confidence = of_all(&planes, |i, plane| {
+            let Some(plane) = plane else { return 0.0 };
+            let hinge = |k: usize| {
+                let other = triangulation.halfedges[3 * i + k];
+                if other == EMPTY {
+                    return f64::INFINITY;
+                }
+                let apex = triangulation.triangles[next_halfedge(next_halfedge(other))];
+                plane.off(places[apex], inverse[apex])
+            };
+            let of = |values: &[f64]| corners[i].map(|corner| values[corner]);
+            let [a, b, c] = of(depths);
+            let spread = a.max(b).max(c) / a.min(b).min(c);
+            let [a, b, c] = of(firmness);
+            let square =
+                (middle([0, 1, 2].map(hinge)) / HINGE).powi(2) + (spread.ln() / SPREAD).powi(2);
+            a.min(b).min(c) / (1.0 + square)
+        });
         Some(Self {
             triangulation,
             planes,
+            gaps,
             confidence,
         })
     }
 
     /// The median over triangles of the longest edge, in pixels.
     fn usual_gap(&self) -> f64 {
-        let planes = || self.planes.iter().flatten();
-        if planes().next().is_none() {
+        let pairs = self.planes.iter().zip(&self.gaps);
+        let gaps = || pairs.clone().filter(|(plane, _)| plane.is_some());
+        if gaps().next().is_none() {
             return f64::INFINITY;
         }
-        median(planes().map(Plane::longest_edge))
+        median(gaps().map(|(_, gap)| *gap))
     }
 
     /// The observations around the one at which an edge ends, and the mean confidence of the triangles there; `None` at
@@ -426,8 +442,8 @@ impl Plane {
     fn longest_edge(&self) -> f64 {
         let [a, b, c] = self.corners;
         let edges = [(a, b), (b, c), (c, a)];
-        let lengths = edges.map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1]));
-        lengths.into_iter().fold(0.0, f64::max)
+        let squares = edges.map(|(p, q)| (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2));
+        squares.into_iter().fold(0.0, f64::max).sqrt()
     }
 
     /// The barycentric coordinates of a position.

@@ -1,7 +1,6 @@
 //! The weights of a joint fit, and what they were estimated from.
 
 use super::merged_observations::SampledObservations;
-use crate::field::CovarianceSolver;
 use crate::fit::lstsq::Solution;
 
 /// The weights of basis functions and cosines.
@@ -11,7 +10,6 @@ pub(super) struct WeightEstimate {
     pub(super) lambda: f64,
     /// The number of directions of the weights that the observations determine.
     pub(super) determined: f64,
-    /// The observations that they were estimated from, and the field of these.
+    /// The observations that they were estimated from.
     pub(super) sample: SampledObservations,
-    pub(super) field: CovarianceSolver,
 }

@@ -430,12 +430,16 @@ fn subtract(a: &[f64], b: &[f64]) -> Vec<f64> {
 
 /// The dot product, summed in eight lanes so that it can be vectorised.
 pub fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
+    let count = a.len().min(b.len());
+    let ((a, more_a), (b, more_b)) = (a[..count].as_chunks::<8>(), b[..count].as_chunks::<8>());
     let mut lanes = [0.0; 8];
-    let (a, b) = (a.chunks(8), b.chunks(8));
-    for (a, b) in a.zip(b) {
-        for ((lane, &x), y) in lanes.iter_mut().zip(a).zip(b) {
-            *lane += x.into() * y;
+    for (a, b) in a.iter().zip(b) {
+        for lane in 0..8 {
+            lanes[lane] += a[lane].into() * b[lane];
         }
+    }
+    for (lane, (&x, y)) in lanes.iter_mut().zip(more_a.iter().zip(more_b)) {
+        *lane += x.into() * y;
     }
     lanes.iter().sum()
 }
