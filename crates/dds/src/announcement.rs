@@ -1,4 +1,4 @@
-//! What participants announce of themselves and of their readers and writers: lists of parameters (OMG DDSI-RTPS 2.5,
+//! Announcements of participants, readers and writers: lists of parameters (OMG DDSI-RTPS 2.5,
 //! chapters 9.4.2.11 and 9.6.3).
 
 use std::{
@@ -20,9 +20,9 @@ pub(crate) struct ParticipantData {
     pub(crate) discovery: Vec<SocketAddrV4>,
     /// Where messages are received.
     pub(crate) messages: Vec<SocketAddrV4>,
-    /// It is gone if nothing was heard for so long.
+    /// It counts as gone after being silent for this long.
     pub(crate) lease: Duration,
-    /// Differs only in participants of security profiles and of other domains.
+    /// Differs only with security profiles and in other domains.
     pub(crate) domain: Option<u32>,
     /// Its built-in readers and writers, one bit each.
     pub(crate) builtin: u32,
@@ -39,7 +39,7 @@ pub(crate) struct EndpointData {
     pub(crate) user_data: Vec<u8>,
     /// Overrides the addresses of its participant.
     pub(crate) addresses: Vec<SocketAddrV4>,
-    /// It has a partition of its own, or accepts only another representation of data, and is not matched.
+    /// It has a partition or accepts only another data representation, so it is not matched.
     pub(crate) is_apart: bool,
 }
 
@@ -69,7 +69,7 @@ const KEY_HASH: u16 = 0x70;
 const STATUS: u16 = 0x71;
 const REPRESENTATION: u16 = 0x73;
 
-/// A list of parameters, with the least significant bytes first.
+/// A list of parameters, little-endian.
 struct List(Vec<u8>);
 
 impl List {
@@ -117,16 +117,16 @@ impl List {
     }
 }
 
-/// The parameters beside the key of something that no longer exists.
+/// Inline parameters beside the key of an endpoint that is gone.
 pub(crate) fn gone(guid: Guid) -> Vec<u8> {
     let mut list = List(Vec::new());
     list.add(KEY_HASH, &guid.to_bytes());
-    // Disposed and unregistered; most significant byte first in either byte order.
+    // Disposed and unregistered; big-endian in either byte order.
     list.add(STATUS, &[0, 0, 0, 3]);
     list.finish()
 }
 
-/// The key of a participant, a reader or a writer that no longer exists.
+/// The key of a participant, a reader or a writer that is gone.
 pub(crate) fn key(guid: Guid) -> Vec<u8> {
     let mut list = List::payload();
     let parameter = match guid.entity {
@@ -137,7 +137,7 @@ pub(crate) fn key(guid: Guid) -> Vec<u8> {
     list.finish()
 }
 
-/// Whose end the parameters and the key of a submessage announce, if they do.
+/// The endpoint that a submessage declares gone by its parameters and key, if it does.
 pub(crate) fn whose_end(
     parameters: Option<(&[u8], bool)>,
     payload: &[u8],
@@ -203,7 +203,7 @@ fn bytes<'a>(value: &mut Input<'a>) -> Result<&'a [u8], Malformed> {
     value.take(length as usize)
 }
 
-/// An address of IPv4; others are not used.
+/// An IPv4 address; others are ignored.
 fn address(value: &mut Input<'_>) -> Result<Option<SocketAddrV4>, Malformed> {
     let (kind, port) = (value.u32()?, value.u32()?);
     let [.., a, b, c, d] = value.array::<16>()?;
@@ -248,7 +248,7 @@ impl ParticipantData {
             name: String::new(),
             discovery: Vec::new(),
             messages: Vec::new(),
-            // Of the specification, if it is not stated.
+            // The default of the specification.
             lease: Duration::from_secs(100),
             domain: None,
             builtin: 0,
@@ -282,7 +282,7 @@ impl EndpointData {
         list.string(TOPIC_NAME, &self.topic);
         list.string(TYPE_NAME, &self.message_type);
         list.number(DURABILITY, self.qos.transient_local.into());
-        // With the time that a write may block; nothing here does.
+        // Followed by the time that a write may block, which none does here.
         let mut reliability = (u32::from(self.qos.reliable) + 1).to_le_bytes().to_vec();
         reliability.extend(0u32.to_le_bytes());
         reliability.extend((1u32 << 29).to_le_bytes());
@@ -296,7 +296,7 @@ impl EndpointData {
         list.finish()
     }
 
-    /// Of a reader or a writer: what is not stated has another meaning for each.
+    /// Reads the announcement of a reader or a writer, whose defaults differ.
     pub(crate) fn read(payload: &[u8], is_writer: bool) -> Result<Self, Malformed> {
         let mut guid = None;
         let mut data = Self {

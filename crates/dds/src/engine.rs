@@ -22,22 +22,22 @@ use crate::{
     writer::{Datagram, Destination, Writer},
 };
 
-/// After which a participant that is not heard is gone; announced every third of it at most.
+/// A participant that has been silent for this long is gone. Announcements come at least three times as often.
 const LEASE: Duration = Duration::from_secs(10);
 
-/// Between two announcements: the first ones, and later ones.
+/// Interval between announcements: the first few, and later ones.
 const ANNOUNCE: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(3)];
 const FIRST_ANNOUNCEMENTS: u64 = 10;
 
-/// Between two heartbeats for what is not acknowledged: of topics, and of announcements.
+/// Interval between heartbeats while something is unacknowledged: of topics, and of announcements.
 const HEARTBEAT: Duration = Duration::from_millis(20);
 const BUILTIN_HEARTBEAT: Duration = Duration::from_millis(100);
 
-/// Participants, and readers and writers of each, beyond which others are not admitted.
+/// Limits of remote participants and of their readers and writers; further ones are refused.
 const PARTICIPANTS: usize = 1000;
 const ENDPOINTS: usize = 20_000;
 
-/// Bytes of an announcement.
+/// Largest announcement, in bytes.
 const ANNOUNCEMENT: usize = 1 << 20;
 
 /// A topic of DDS and what a reader or a writer of it needs.
@@ -52,11 +52,11 @@ pub(crate) struct TopicName {
 struct Peer {
     data: ParticipantData,
     heard: Instant,
-    /// Where its announcement came from.
+    /// Source address of its announcement.
     from: Ipv4Addr,
 }
 
-/// What came with a datagram: the reader and a message of its topic.
+/// A complete message and the reader it is for.
 pub(crate) type Delivery = (EntityId, Vec<u8>);
 
 /// A topic that a participant of the domain reads or writes.
@@ -72,12 +72,12 @@ pub struct TopicInfo {
     pub subscribers: usize,
 }
 
-/// Those at the other end of a topic.
+/// Remote endpoints of a topic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Matches {
-    /// Publishers or subscribers that messages are exchanged with.
+    /// Publishers or subscribers with which messages are exchanged.
     pub matched: usize,
-    /// Those of the same topic with another type, or whose quality of service is incompatible.
+    /// Publishers or subscribers of the same topic with another type or an incompatible quality of service.
     pub incompatible: usize,
 }
 
@@ -157,7 +157,7 @@ impl Engine {
         Guid::new(self.own.prefix, entity)
     }
 
-    /// The announcement of this participant, if it is time for one.
+    /// Announces this participant, if an announcement is due.
     pub(crate) fn announcement(&mut self, now: Instant) -> Option<Vec<u8>> {
         (now >= self.announce_at).then(|| {
             let early = self.announcements < FIRST_ANNOUNCEMENTS;
@@ -174,7 +174,7 @@ impl Engine {
         output.finish()
     }
 
-    /// The announcement that this participant is gone.
+    /// Announces that this participant leaves.
     pub(crate) fn farewell(&self) -> Vec<u8> {
         let guid = self.guid(PARTICIPANT);
         let mut output = Output::new(self.own.prefix, None);
@@ -282,7 +282,7 @@ impl Engine {
         }
     }
 
-    /// What is due: heartbeats, requests, and the ends of leases.
+    /// Sends what is due: heartbeats and requests; drops participants whose lease has expired.
     pub(crate) fn tick(&mut self, now: Instant, out: &mut Vec<Datagram>) {
         for writer in self
             .writers
@@ -309,7 +309,7 @@ impl Engine {
         }
     }
 
-    /// Takes a datagram that came from an address. Messages that are complete are added to `ready`.
+    /// Handles a datagram. Messages that it completes are added to `ready`.
     pub(crate) fn receive(
         &mut self,
         datagram: &[u8],
@@ -386,7 +386,7 @@ impl Engine {
                 let gone = announcement::whose_end(parameters, payload, is_key)?;
                 self.each_reader(reader, from, |id, reader| {
                     let message = match gone {
-                        // An announcement without a topic is that of an end.
+                        // An announcement without a topic says that the endpoint is gone.
                         Some(guid) if is_builtin(id) => announcement::key(guid),
                         None if !is_key => wire::unpadded(payload),
                         _ => Vec::new(),
@@ -487,7 +487,7 @@ impl Engine {
         }
     }
 
-    /// Calls `take` with the reader of an identifier, or, without one, all readers that a writer is matched with.
+    /// Calls `take` with the reader of this identifier or, without one, with every reader matched to the writer.
     fn each_reader(
         &mut self,
         entity: EntityId,
@@ -509,7 +509,7 @@ impl Engine {
         }
     }
 
-    /// Another participant announces itself.
+    /// Handles the announcement of another participant.
     fn meet(
         &mut self,
         data: ParticipantData,
@@ -591,7 +591,7 @@ impl Engine {
         }
     }
 
-    /// A reader or a writer is announced, or its end.
+    /// Handles the announcement of a reader or a writer, or of its removal.
     fn announced(
         &mut self,
         message: &[u8],
@@ -662,7 +662,7 @@ impl Engine {
         }
     }
 
-    /// The topics of ROS 2 that other participants read and write.
+    /// ROS 2 topics that other participants read or write.
     pub(crate) fn topics(&self) -> Vec<TopicInfo> {
         let mut topics: BTreeMap<(&str, String), (usize, usize)> = BTreeMap::new();
         let endpoints = self
@@ -692,7 +692,7 @@ impl Engine {
             .collect()
     }
 
-    /// The names of the participants that were heard.
+    /// Names of the known participants.
     pub(crate) fn participants(&self) -> Vec<String> {
         let names = self.peers.values().map(|peer| peer.data.name.clone());
         names.collect()
@@ -706,7 +706,7 @@ impl Engine {
         (matches(matched, data, &self.remote_writers), reader.counts)
     }
 
-    /// Also the messages and fragments that were sent again.
+    /// Matches, and the number of messages and fragments that were sent again.
     pub(crate) fn writer_counts(&self, entity: EntityId) -> (Matches, u64) {
         let Some((data, writer)) = self.writers.get(&entity) else {
             return Default::default();
@@ -741,7 +741,7 @@ fn agree(a: &EndpointData, b: &EndpointData) -> bool {
     a.topic == b.topic && a.message_type == b.message_type && !a.is_apart && !b.is_apart
 }
 
-/// Where a reader or a writer receives: at its own addresses, or those of its participant.
+/// Where a reader or a writer receives: its own addresses if it announced any, else those of its participant.
 fn destination(
     peers: &BTreeMap<Prefix, Peer>,
     interfaces: &Interfaces,

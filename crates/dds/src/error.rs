@@ -1,4 +1,4 @@
-//! What can be wrong with a participant and its topics.
+//! Errors of participants and topics.
 
 use std::{io, net::Ipv4Addr, result};
 
@@ -6,33 +6,33 @@ use std::{io, net::Ipv4Addr, result};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A domain beyond those whose ports exist.
+    /// The domain is too large: its ports would not exist.
     #[error("domain {0} has no ports; ROS_DOMAIN_ID is between 0 and 232")]
     Domain(u32),
-    /// An environment variable that cannot be read.
+    /// An environment variable is invalid.
     #[error("`{name}` is not understood: `{value}`; expected {expected}")]
     Environment {
         /// Its name.
         name: &'static str,
         /// Its value.
         value: String,
-        /// What it may be.
+        /// Accepted values.
         expected: &'static str,
     },
-    /// A name of a topic or a type that ROS 2 does not have.
+    /// An invalid name of a topic or a type.
     #[error("`{name}` is no {what} of ROS 2; expected one like `{example}`")]
     Name {
         /// The name.
         name: String,
-        /// What it should name.
+        /// What the name is for.
         what: &'static str,
         /// A valid name.
         example: &'static str,
     },
-    /// No network interface with an IPv4 address, or not the one that was asked for.
+    /// No network interface has an IPv4 address, or none has the requested one.
     #[error("no network interface has the IPv4 address {0}")]
     NoInterface(Ipv4Addr),
-    /// All ports of participants are taken.
+    /// All ports for participants are in use.
     #[error(
         "all ports of domain {0} are taken; end other participants, or use another ROS_DOMAIN_ID"
     )]
@@ -42,11 +42,11 @@ pub enum Error {
     Socket {
         /// The domain.
         domain: u32,
-        /// Why not.
+        /// The error of the system.
         source: io::Error,
     },
-    /// A message that is larger than [`Settings::largest_message`](crate::Settings::largest_message), or shorter than
-    /// the four bytes that CDR begins with.
+    /// The message is larger than [`Settings::largest_message`](crate::Settings::largest_message), or shorter than
+    /// the four bytes of the CDR encapsulation.
     #[error("a message of {bytes} bytes cannot be sent; between 4 and {largest} can")]
     MessageSize {
         /// Its size.
@@ -56,5 +56,5 @@ pub enum Error {
     },
 }
 
-/// Of everything here.
+/// Result with the [`Error`] of this crate.
 pub type Result<T> = result::Result<T, Error>;

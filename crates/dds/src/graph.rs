@@ -1,4 +1,4 @@
-//! The node and its topics in the graph of ROS 2: `rmw_dds_common/msg/ParticipantEntitiesInfo`, which every participant
+//! The node and its topics in the node graph of ROS 2: `rmw_dds_common/msg/ParticipantEntitiesInfo`, which every participant
 //! publishes on `ros_discovery_info` and from which `ros2 node list` and `ros2 topic info --verbose` take names.
 
 use crate::{qos::Qos, settings::Generation, wire::Guid};
@@ -7,7 +7,7 @@ pub(crate) const TOPIC: &str = "ros_discovery_info";
 pub(crate) const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
 pub(crate) const QOS: Qos = Qos::LATCHED;
 
-/// The message of a participant with one node.
+/// The graph message of a participant with one node.
 pub(crate) fn message(
     generation: Generation,
     participant: Guid,

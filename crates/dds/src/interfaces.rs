@@ -1,4 +1,4 @@
-//! The addresses of this machine, and which address of another participant is used.
+//! Addresses of this machine, and the choice among the addresses of another participant.
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 
@@ -11,7 +11,7 @@ pub(crate) struct Interfaces {
 }
 
 impl Interfaces {
-    /// All of this machine, only the loopback interface, or only one with this address.
+    /// All interfaces, only the loopback interface, or only the one with this address.
     pub(crate) fn of_machine(localhost_only: bool, only: Option<Ipv4Addr>) -> Self {
         let found = if_addrs::get_if_addrs().unwrap_or_default();
         let mut addresses: Vec<_> = found
@@ -43,7 +43,7 @@ impl Interfaces {
         self.addresses.iter().map(|(ip, _)| *ip)
     }
 
-    /// Those that others are told: the loopback address only if there is no other.
+    /// Addresses to announce: the loopback address only if there is no other.
     pub(crate) fn announced(&self) -> Vec<Ipv4Addr> {
         let others: Vec<_> = self.all().filter(|ip| !ip.is_loopback()).collect();
         if others.is_empty() {
@@ -53,7 +53,7 @@ impl Interfaces {
         }
     }
 
-    /// The best of the addresses of a participant: one of this machine if all are, the one that it was heard from, one in
+    /// The best address of a participant: one of this machine if all are, else its source address, one in
     /// a network of this machine, or the first.
     pub(crate) fn destination(
         &self,
@@ -61,7 +61,7 @@ impl Interfaces {
         heard: Ipv4Addr,
     ) -> Option<Destination> {
         let is_own = |ip: &Ipv4Addr| self.all().any(|own| own == *ip);
-        // A loopback address is announced beside others too, and is then not that of this machine.
+        // A loopback address announced beside others may belong to another machine.
         let (loopback, others): (Vec<_>, Vec<_>) = addresses
             .iter()
             .partition::<Vec<&SocketAddrV4>, _>(|address| address.ip().is_loopback());
@@ -76,7 +76,7 @@ impl Interfaces {
             let reached = loopback.first().filter(|address| is_own(address.ip()));
             return reached.and_then(|address| at(address, true));
         }
-        // Bridges of containers have the same address on many machines, so one alone proves nothing.
+        // Container bridges have the same address on many machines, so a single match proves nothing.
         if others.iter().all(|address| is_own(address.ip())) {
             return others.first().and_then(|address| at(address, true));
         }

@@ -21,8 +21,8 @@
 //! # }
 //! ```
 //!
-//! What is implemented is what topics need: discovery of participants and of their readers and writers, messages in
-//! fragments, best effort and reliable, and the last messages for readers that come later. There are no keys, services,
+//! Implemented is what topics need: discovery of participants and of their readers and writers, fragmented messages,
+//! best effort and reliable delivery, and the last messages for late readers. There are no keys, services,
 //! security profiles, shared memory or IPv6.
 
 mod announcement;

@@ -1,4 +1,4 @@
-//! Names of ROS 2 as DDS has them.
+//! Names of ROS 2 topics and types in DDS.
 
 use crate::{Error, Result};
 
@@ -29,7 +29,7 @@ pub(crate) fn topic(name: &str) -> Result<String> {
 ///
 /// # Errors
 ///
-/// The name has not the form `package/msg/Type`.
+/// The name does not have the form `package/msg/Type`.
 pub(crate) fn message_type(name: &str) -> Result<String> {
     let is_valid = |part: &str| {
         part.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -47,12 +47,12 @@ pub(crate) fn message_type(name: &str) -> Result<String> {
     }
 }
 
-/// The ROS name of a topic of DDS, unless it is of something else, such as a service.
+/// The ROS name of a DDS topic; `None` if it belongs to something else, such as a service.
 pub(crate) fn ros_topic(dds: &str) -> Option<&str> {
     dds.strip_prefix("rt").filter(|name| name.starts_with('/'))
 }
 
-/// The ROS name of a type of DDS.
+/// The ROS name of a DDS type.
 pub(crate) fn ros_type(dds: &str) -> Option<String> {
     let (package, message) = dds.strip_suffix('_')?.split_once("::msg::dds_::")?;
     Some(format!("{package}/msg/{message}"))

@@ -26,24 +26,24 @@ use crate::{
     writer::Datagram,
 };
 
-/// Between two looks at what is due.
+/// Interval at which timers are checked.
 const TICK: Duration = Duration::from_millis(10);
 
-/// Bytes that Linux charges a receiver for each datagram beside its content, at least.
+/// Bytes of a receive buffer that Linux uses for each datagram besides its content, at least.
 const OVERHEAD: usize = 1024;
 
-/// After a burst.
+/// Pause after a burst.
 const PAUSE: Duration = Duration::from_micros(300);
 
 /// A participant of a domain, which other participants see as one node of ROS 2.
 ///
-/// When it is dropped, the others are told, and its publishers and subscriptions have no effect any more.
+/// Dropping it tells the other participants, and disables its publishers and subscriptions.
 pub struct Participant {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
 }
 
-/// What a participant and everything of it uses.
+/// State shared by a participant, its publishers and its subscriptions.
 struct Shared {
     engine: Mutex<Engine>,
     sockets: Sockets,
@@ -55,14 +55,14 @@ struct Shared {
     not_sent: AtomicU64,
 }
 
-/// The readers and writers of the node.
+/// Readers and writers of the node.
 #[derive(Default)]
 struct Node {
     readers: Vec<Guid>,
     writers: Vec<Guid>,
 }
 
-/// Messages that wait for a subscriber.
+/// Messages waiting for a subscriber.
 struct Queue {
     depth: usize,
     waiting: Mutex<Waiting>,
@@ -76,30 +76,30 @@ struct Waiting {
     ends: bool,
 }
 
-/// What a participant has seen go wrong. Numbers only grow.
+/// Error counters of a participant. They never decrease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ParticipantCounts {
-    /// Datagrams that were not of RTPS or contradicted themselves.
+    /// Datagrams that were not RTPS, or inconsistent.
     pub malformed: u64,
-    /// Datagrams that the system did not send.
+    /// Datagrams that the system failed to send.
     pub not_sent: u64,
-    /// Announcements of participants, readers and writers beyond the limits of their number, and of participants without
-    /// an IPv4 address that is reached.
+    /// Refused announcements: of participants, readers and writers beyond the limits, and of participants without a
+    /// reachable IPv4 address.
     pub not_admitted: u64,
 }
 
-/// A subscription and what became of its messages.
+/// State of a subscription: matched publishers, and counts of its messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubscriptionStatus {
     /// Publishers of the topic.
     pub publishers: Matches,
-    /// What was received.
+    /// Counts of received and lost messages.
     pub reception: ReceptionCounts,
-    /// Messages that were received, and dropped because the subscriber was slow.
+    /// Received messages that were dropped because the subscriber was too slow.
     pub dropped: u64,
 }
 
-/// A publisher and those that receive from it.
+/// State of a publisher: matched subscribers, and what was sent again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PublisherStatus {
     /// Subscribers of the topic.
@@ -192,7 +192,7 @@ impl Participant {
         });
         let mut out = Vec::new();
         let entity = {
-            // The queue is there before the first message.
+            // The queue must exist before the first message arrives.
             let mut queues = lock(&self.shared.queues);
             let mut engine = self.shared.engine();
             let entity = engine.add_reader(topic, qos, stamp(), Instant::now(), &mut out);
@@ -279,7 +279,7 @@ impl Shared {
         lock(&self.engine)
     }
 
-    /// Sends datagrams; in bursts with pauses, if they are those of a message.
+    /// Sends datagrams; those of a message in bursts, with pauses between.
     fn send(&self, datagrams: &[Datagram], in_bursts: bool) {
         let burst = self.settings.burst;
         let mut sent = 0;
@@ -310,7 +310,7 @@ impl Shared {
                     continue;
                 }
                 Err(_) => {
-                    // An interface that is down, or what Windows reports of an earlier datagram.
+                    // The interface is down, or Windows reports the failure of an earlier datagram.
                     thread::sleep(TICK);
                     continue;
                 }
@@ -354,7 +354,7 @@ impl Shared {
         }
     }
 
-    /// Tells the graph of ROS 2 which topics the node has.
+    /// Publishes the topics of the node in the graph of ROS 2.
     fn publish_node(&self) {
         let Settings {
             generation,
@@ -364,7 +364,7 @@ impl Shared {
         } = &self.settings;
         let mut out = Vec::new();
         {
-            // In this order, as when a topic is added.
+            // Same order of locks as when a topic is added.
             let mut engine = self.engine();
             let nodes = lock(&self.nodes);
             let participant = engine.guid(PARTICIPANT);
@@ -413,7 +413,7 @@ impl Queue {
         self.arrived.notify_one();
     }
 
-    /// Waits for a message; none if there will be no more.
+    /// Waits for a message; `None` once the subscription has ended.
     fn next(&self) -> Option<Vec<u8>> {
         let mut waiting = lock(&self.waiting);
         loop {
@@ -436,7 +436,7 @@ impl Queue {
     }
 }
 
-/// Messages arrive until it is dropped.
+/// A subscription, which ends when dropped.
 pub struct Subscription {
     shared: Arc<Shared>,
     entity: EntityId,
@@ -445,7 +445,7 @@ pub struct Subscription {
 }
 
 impl Subscription {
-    /// Returns the publishers that messages come from, and what became of the messages.
+    /// Returns the matched publishers, and the counts of messages.
     pub fn status(&self) -> SubscriptionStatus {
         let (publishers, reception) = self.shared.engine().reader_counts(self.entity);
         SubscriptionStatus {
@@ -469,7 +469,7 @@ impl Drop for Subscription {
     }
 }
 
-/// Sends messages of a topic until it is dropped.
+/// A publisher of a topic, which is withdrawn when dropped.
 pub struct Publisher {
     shared: Arc<Shared>,
     entity: EntityId,
@@ -503,7 +503,7 @@ impl Publisher {
         Ok(())
     }
 
-    /// Returns the subscribers that messages go to.
+    /// Returns the matched subscribers, and what was sent again.
     pub fn status(&self) -> PublisherStatus {
         let (subscribers, repaired) = self.shared.engine().writer_counts(self.entity);
         PublisherStatus {
@@ -529,7 +529,7 @@ fn topic_name(topic: &str, message_type: &str) -> Result<TopicName> {
     })
 }
 
-/// An identifier that no other participant has: of no vendor, the process, and chance.
+/// A unique identifier: an unassigned vendor, the process identifier, and random bytes.
 fn prefix() -> Prefix {
     let mut prefix = [0; 12];
     let chance = RandomState::new().build_hasher().finish();
@@ -538,7 +538,7 @@ fn prefix() -> Prefix {
     prefix
 }
 
-/// The time in seconds since 1970, and 2^-32 of them.
+/// Current time: seconds since 1970, and units of 2^-32 s.
 fn stamp() -> (u32, u32) {
     let time = SystemTime::now()
         .duration_since(SystemTime::UNIX_EPOCH)

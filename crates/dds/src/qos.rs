@@ -1,4 +1,4 @@
-//! Quality of service: what a topic's writers offer and its readers request.
+//! Quality of service: what writers offer and readers request.
 
 /// How messages of a topic are transferred, as in a profile of ROS 2 (`QoS`). History is always "keep last".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -6,10 +6,10 @@ pub struct Qos {
     /// Lost messages are sent again, as long as the writer keeps them. A reader that requests this is not matched with
     /// a writer that does not offer it.
     pub reliable: bool,
-    /// The last messages are kept for readers that come later (`TRANSIENT_LOCAL`), as on `/tf_static`. A reader that
+    /// The last messages are kept for readers that join later (`TRANSIENT_LOCAL`), as on `/tf_static`. A reader that
     /// requests this is not matched with a writer that does not offer it.
     pub transient_local: bool,
-    /// Messages that a writer keeps for sending them again, and that wait for a slow subscriber; at least 1. Older ones
+    /// Number of messages that a writer keeps to send again, and that wait for a slow subscriber; at least 1. Older ones
     /// are dropped, and counted.
     pub depth: usize,
 }
@@ -29,7 +29,7 @@ impl Qos {
         depth: 10,
     };
 
-    /// Reliable, and the last message is kept for those that come later: `/tf_static` (which every publisher of
+    /// Reliable, and the last message is kept for late subscribers: `/tf_static` (which every publisher of
     /// transforms writes once) and latched topics.
     pub const LATCHED: Self = Self {
         reliable: true,
@@ -37,7 +37,7 @@ impl Qos {
         depth: 1,
     };
 
-    /// Whether a reader that requests `requested` receives what is offered so.
+    /// Whether this offer satisfies a reader that requests `requested`.
     pub(crate) fn satisfies(self, requested: Self) -> bool {
         (self.reliable || !requested.reliable)
             && (self.transient_local || !requested.transient_local)

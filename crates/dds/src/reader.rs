@@ -1,5 +1,5 @@
-//! A reader: messages of each matched writer, put together from fragments, in order, and requested again if they are
-//! missing (OMG DDSI-RTPS 2.5, chapter 8.4.12).
+//! A reader: assembles the messages of each matched writer from fragments, orders them, and requests missing ones again
+//! (OMG DDSI-RTPS 2.5, chapter 8.4.12).
 
 use std::{
     collections::BTreeMap,
@@ -13,40 +13,40 @@ use crate::{
     writer::Datagram,
 };
 
-/// Without fragments for so long, those that are missing are requested.
+/// Missing fragments are requested when none has arrived for this long.
 const ASK: Duration = Duration::from_millis(20);
 
-/// Between two requests for the same.
+/// Interval between requests for the same data.
 const ASK_AGAIN: Duration = Duration::from_millis(4);
 
-/// Bytes of a request. What does not fit is requested later.
+/// Data requested at once, in bytes. The rest is requested later.
 const REQUEST: usize = 16 << 10;
 
-/// Between two requests to a writer that has not announced anything.
+/// Interval between requests to a writer that has announced nothing yet.
 const GREET: Duration = Duration::from_millis(200);
 
-/// Complete messages of a writer that wait for an earlier one. With more, the earlier one is given up.
+/// Limit of complete messages of a writer that wait for an earlier one. Beyond it, the earlier one counts as lost.
 const AHEAD: usize = 64;
 
-/// As far as a set of missing messages reaches.
+/// Largest span of a set of missing messages.
 const REACH: u64 = 256;
 
-/// Incomplete messages of a writer. With more, one is given up.
+/// Limit of incomplete messages of a writer. Beyond it, one is dropped.
 const INCOMPLETE: usize = 8;
 
-/// What became of messages. Numbers only grow.
+/// Counts of messages. They never decrease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReceptionCounts {
-    /// Messages received in whole.
+    /// Complete messages.
     pub received: u64,
-    /// Messages that a writer had sent, and that were not received: lost on the way, or given up by the writer.
+    /// Messages that a writer sent and that never arrived complete, or that it no longer keeps.
     pub lost: u64,
-    /// Submessages that contradict themselves, and messages larger than
+    /// Inconsistent submessages, and messages larger than
     /// [`Settings::largest_message`](crate::Settings::largest_message).
     pub refused: u64,
 }
 
-/// A message of which fragments are missing.
+/// A message with missing fragments.
 struct Incomplete {
     message: Vec<u8>,
     size: u16,
@@ -58,19 +58,19 @@ struct Incomplete {
 struct Source {
     to: SocketAddrV4,
     reliable: bool,
-    /// The first message that is not received, once it is known.
+    /// Number of the first missing message, once known.
     next: Option<u64>,
-    /// Later ones; `None` for those that are not sent to this reader.
+    /// Later messages; `None` for those not meant for this reader.
     ahead: BTreeMap<u64, Option<Vec<u8>>>,
     incomplete: BTreeMap<u64, Incomplete>,
-    /// The last that the writer has announced.
+    /// Last number that the writer has announced.
     announced: u64,
     heartbeat: Option<u32>,
     requests: u32,
-    /// No request before, unless something is announced.
+    /// Earliest time of the next request, unless something is announced.
     ask_at: Instant,
     asked: Option<Instant>,
-    /// Something was received: what is missing from then on is lost.
+    /// Something has arrived: what is missing from then on counts as lost.
     has_begun: bool,
 }
 
@@ -127,8 +127,8 @@ impl Reader {
         self.sources.retain(|&writer, _| !is_gone(writer));
     }
 
-    /// Takes a complete message; those that can be delivered are added to `ready`. One without bytes only counts in the
-    /// order.
+    /// Handles a complete message; those that can be delivered are added to `ready`. A message without bytes only takes
+    /// its place in the order.
     pub(crate) fn data(
         &mut self,
         writer: Guid,
@@ -164,7 +164,7 @@ impl Reader {
         source.deliver(&mut self.counts, ready);
     }
 
-    /// Takes fragments of a message.
+    /// Handles fragments of a message.
     pub(crate) fn fragments(
         &mut self,
         writer: Guid,
@@ -187,7 +187,7 @@ impl Reader {
         }
         let first = first - 1;
         let of_message = total.div_ceil(size);
-        // In this order: sums and products are no larger than the message then.
+        // Checked in this order, so that no sum or product exceeds the size of the message.
         if first >= of_message
             || count > of_message - first
             || fragments.payload.len() < ((first + count) * size).min(total) - first * size
@@ -223,7 +223,7 @@ impl Reader {
                 self.data(writer, number, complete.message, ready);
             }
         } else if source.incomplete.len() > INCOMPLETE {
-            // The oldest cannot be completed without repair; the newest can be requested again.
+            // Best effort cannot complete the oldest; a reliable reader can request the newest again.
             if source.reliable {
                 source.incomplete.pop_last();
             } else {
@@ -232,7 +232,7 @@ impl Reader {
         }
     }
 
-    /// A writer has the messages from `first` to `last`.
+    /// Handles a heartbeat: the writer keeps the messages from `first` to `last`.
     pub(crate) fn heartbeat(
         &mut self,
         writer: Guid,
@@ -267,7 +267,7 @@ impl Reader {
         }
     }
 
-    /// Requests fragments that the writer has sent in whole.
+    /// Requests missing fragments of a message that the writer has sent completely.
     pub(crate) fn fragment_heartbeat(
         &mut self,
         writer: Guid,
@@ -284,7 +284,7 @@ impl Reader {
         }
     }
 
-    /// Messages that are not sent to this reader.
+    /// Handles a gap: messages not meant for this reader.
     pub(crate) fn gap(
         &mut self,
         writer: Guid,
@@ -314,7 +314,7 @@ impl Reader {
         source.deliver(&mut self.counts, ready);
     }
 
-    /// Requests what is missing, or a first announcement.
+    /// Requests missing messages or, before any heartbeat, a first one.
     pub(crate) fn tick(&mut self, now: Instant, out: &mut Vec<Datagram>) {
         for (&writer, source) in &mut self.sources {
             if source.reliable
@@ -340,7 +340,7 @@ impl Source {
         self.incomplete.is_empty() && self.next.is_some_and(|next| next > self.announced)
     }
 
-    /// Gives up what is missing before `number`, and delivers what is not.
+    /// Counts missing messages before `number` as lost, and delivers the others.
     fn skip_to(&mut self, number: u64, counts: &mut ReceptionCounts, ready: &mut Vec<Vec<u8>>) {
         let Some(next) = self.next.filter(|&next| next < number) else {
             return;
@@ -358,7 +358,7 @@ impl Source {
         self.next = Some(number);
     }
 
-    /// Delivers what is complete up to the first that is missing.
+    /// Delivers complete messages up to the first missing one.
     fn deliver(&mut self, counts: &mut ReceptionCounts, ready: &mut Vec<Vec<u8>>) {
         while let Some(next) = self.next
             && let Some(message) = self.ahead.remove(&next)

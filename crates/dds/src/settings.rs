@@ -1,13 +1,13 @@
-//! Settings of a participant, and the variables of the environment that ROS 2 reads them from.
+//! Settings of a participant, and the environment variables from which ROS 2 reads them.
 
 use std::{env, net::Ipv4Addr};
 
 use crate::{Error, Result};
 
-/// The generation of ROS 2 of the other participants. Topics are the same in all; the graph of nodes is not.
+/// The generation of ROS 2 of the other participants. Topics are the same in all; the node graph differs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Generation {
-    /// Up to Humble: identifiers of 24 bytes in the graph of nodes.
+    /// Up to Humble: identifiers of 24 bytes in the node graph.
     Humble,
     /// From Iron on, with Jazzy: identifiers of 16 bytes.
     #[default]
@@ -23,18 +23,18 @@ pub struct Settings {
     pub namespace: String,
     /// Layout of the graph of nodes.
     pub generation: Generation,
-    /// Only participants of this machine are heard and reached.
+    /// Communicate only with participants of this machine.
     pub localhost_only: bool,
-    /// Only the interface with this address is used.
+    /// Use only the interface with this address.
     pub interface: Option<Ipv4Addr>,
-    /// Machines that are reached where multicast is not.
+    /// Machines to contact without multicast.
     pub peers: Vec<Ipv4Addr>,
-    /// Bytes of the largest message that is sent or received.
+    /// Size of the largest message, sent or received, in bytes.
     pub largest_message: usize,
-    /// Bytes that the system is asked to keep for each socket. It may give less: `net.core.rmem_max` on Linux.
+    /// Requested size of the socket buffers in bytes. The system may grant less: `net.core.rmem_max` on Linux.
     pub socket_buffer: usize,
-    /// Bytes of a message that are sent at once; then follows a pause of 0.3 ms, in which a receiver with a small
-    /// buffer can take them. 0 for no pauses.
+    /// Bytes of a message sent at once. A pause of 0.3 ms follows, so that a receiver with a small buffer keeps up;
+    /// 0 disables the pauses.
     pub burst: usize,
 }
 
@@ -55,17 +55,17 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Returns the domain and the settings that the environment states for every program of ROS 2: `ROS_DOMAIN_ID`,
+    /// Returns the domain and the settings in the environment variables of ROS 2: `ROS_DOMAIN_ID`,
     /// `ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_STATIC_PEERS`, `ROS_DISTRO`.
     ///
     /// # Errors
     ///
-    /// A value that is not understood.
+    /// A variable has an invalid value.
     pub fn from_environment() -> Result<(u32, Self)> {
         Self::from_variables(|name| env::var(name).ok())
     }
 
-    /// The same, of variables that `value` returns.
+    /// The same, with the variables that `value` returns.
     ///
     /// # Errors
     ///
@@ -92,7 +92,7 @@ impl Settings {
         };
         match value("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref() {
             None | Some("SUBNET" | "SYSTEM_DEFAULT") => {}
-            // Without discovery at all, there would be nothing to do.
+            // Without any discovery, nothing could be received.
             Some("LOCALHOST" | "OFF") => settings.localhost_only = true,
             Some(text) => {
                 let expected = "SUBNET, LOCALHOST, OFF or SYSTEM_DEFAULT";

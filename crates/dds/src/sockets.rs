@@ -1,4 +1,4 @@
-//! The sockets of a participant: one each for messages and for announcements to it, and those of multicast.
+//! Sockets of a participant: for messages, for announcements, and for multicast.
 
 use std::{
     io,
@@ -12,19 +12,19 @@ use crate::{Error, Result, interfaces::Interfaces, settings::Settings};
 
 const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
 
-/// Participants of one machine and domain.
+/// Largest number of participants of a machine in a domain.
 const INDICES: u16 = 120;
 
-/// Participants of a machine that are looked for without multicast.
+/// Number of participants of a machine that are tried without multicast.
 const LOOKED_FOR: u16 = 10;
 
-/// After which a receiving thread looks whether it should end.
+/// Interval at which a receiving thread checks whether to stop.
 pub(crate) const TIMEOUT: Duration = Duration::from_millis(100);
 
 pub(crate) struct Sockets {
     pub(crate) multicast: UdpSocket,
     pub(crate) discovery: UdpSocket,
-    /// Also sends everything that is not multicast.
+    /// Also sends all unicast datagrams.
     pub(crate) messages: UdpSocket,
     /// One for each interface.
     announcers: Vec<UdpSocket>,
@@ -65,7 +65,7 @@ impl Sockets {
             .flat_map(|ip| {
                 (0..LOOKED_FOR)
                     .filter_map(move |index| base.checked_add(10 + 2 * index))
-                    // Some participants have no port of their own that could be guessed, and listen at that of multicast.
+                    // Some participants have no predictable port and listen at the multicast port.
                     .chain([base])
                     .map(move |port| SocketAddrV4::new(ip, port))
             })
@@ -80,7 +80,7 @@ impl Sockets {
         })
     }
 
-    /// The ports of announcements and of messages.
+    /// Ports for announcements and for messages.
     pub(crate) fn ports(&self) -> io::Result<(u16, u16)> {
         Ok((
             self.discovery.local_addr()?.port(),
@@ -88,7 +88,7 @@ impl Sockets {
         ))
     }
 
-    /// Sends an announcement to everyone. Returns how many sockets could not.
+    /// Sends an announcement to everyone. Returns the number of sockets that failed.
     pub(crate) fn announce(&self, announcement: &[u8]) -> u64 {
         let failed = self
             .announcers
@@ -96,7 +96,7 @@ impl Sockets {
             .filter(|socket| socket.send_to(announcement, self.group).is_err())
             .count();
         for to in &self.announcements {
-            // Nobody needs to be there.
+            // It is no error if nobody listens.
             let _ = self.discovery.send_to(announcement, to);
         }
         failed as u64
@@ -115,7 +115,7 @@ fn bind(port: u16, settings: &Settings) -> io::Result<UdpSocket> {
         None => Ipv4Addr::UNSPECIFIED,
     };
     socket.bind(&SocketAddrV4::new(ip, port).into())?;
-    // Systems that refuse the size keep their own.
+    // A system that refuses the size keeps its default.
     let _ = socket.set_recv_buffer_size(settings.socket_buffer);
     let _ = socket.set_send_buffer_size(settings.socket_buffer);
     socket.set_read_timeout(Some(TIMEOUT))?;
@@ -124,14 +124,14 @@ fn bind(port: u16, settings: &Settings) -> io::Result<UdpSocket> {
 
 fn multicast(port: u16, settings: &Settings, interfaces: &Interfaces) -> io::Result<UdpSocket> {
     let socket = udp()?;
-    // Every participant of the machine has this port.
+    // All participants of the machine share this port.
     socket.set_reuse_address(true)?;
     #[cfg(all(unix, not(any(target_os = "solaris", target_os = "illumos"))))]
     socket.set_reuse_port(true)?;
     socket.bind(&SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, port).into())?;
     let _ = socket.set_recv_buffer_size(settings.socket_buffer);
     for interface in interfaces.all() {
-        // Tunnels have no multicast; participants behind them are reached by ROS_STATIC_PEERS.
+        // Tunnels have no multicast; ROS_STATIC_PEERS reaches participants behind them.
         let _ = socket.join_multicast_v4(&GROUP, &interface);
     }
     socket.set_read_timeout(Some(TIMEOUT))?;

@@ -1,10 +1,10 @@
-//! Messages of RTPS (OMG DDSI-RTPS 2.5, chapter 9.4): submessages are read from a datagram within its bounds, and written.
+//! Reading and writing of RTPS datagrams and their submessages (OMG DDSI-RTPS 2.5, chapter 9.4).
 //!
-//! Everything is written with the least significant byte first; both byte orders are read.
+//! Written little-endian; read in both byte orders.
 
 use std::fmt;
 
-/// The first 12 bytes of the identifier of everything that belongs to one participant.
+/// The first 12 bytes of all identifiers of a participant.
 pub(crate) type Prefix = [u8; 12];
 
 /// A reader or a writer of a participant.
@@ -54,11 +54,11 @@ impl fmt::Debug for Guid {
     }
 }
 
-/// Where a datagram, or a list of parameters in it, contradicts its own lengths.
+/// A datagram, or a list of parameters in it, is inconsistent with its lengths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Malformed;
 
-/// Reads numbers and bytes, and nothing beyond their end.
+/// A cursor over bytes; reading beyond their end is an error.
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
     bytes: &'a [u8],
@@ -108,7 +108,7 @@ impl<'a> Input<'a> {
         })
     }
 
-    /// A sequence number: the upper half comes first in either byte order. Sequence numbers begin at 1.
+    /// Reads a sequence number: upper half first in either byte order. Sequence numbers begin at 1.
     fn number(&mut self) -> Result<u64, Malformed> {
         let (high, low) = (self.u32()?, self.u32()?);
         if high >> 31 == 1 {
@@ -117,7 +117,7 @@ impl<'a> Input<'a> {
         Ok(u64::from(high) << 32 | u64::from(low))
     }
 
-    /// A set of at most 256 numbers from `base` on.
+    /// Reads a set of at most 256 numbers from `base` on.
     fn set(&mut self, base: u64) -> Result<Vec<u64>, Malformed> {
         let count = self.u32()?;
         if count > 256 {
@@ -137,21 +137,21 @@ impl<'a> Input<'a> {
     }
 }
 
-/// One part of a datagram.
+/// A submessage of a datagram.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Submessage<'a> {
-    /// What follows is for this participant only, or for all if zero.
+    /// The following submessages are for this participant; for all if zero.
     Destination(Prefix),
-    /// What follows is of another participant.
+    /// The following submessages are from another participant.
     Source(Prefix),
     Data {
         writer: EntityId,
         reader: EntityId,
         number: u64,
-        /// Parameters beside the payload, and whether their least significant bytes are first.
+        /// Inline parameters, and whether they are little-endian.
         parameters: Option<(&'a [u8], bool)>,
         payload: &'a [u8],
-        /// The payload is the key of something that no longer exists.
+        /// The payload is the key of an endpoint that is gone.
         is_key: bool,
     },
     Fragments(Fragments<'a>),
@@ -164,7 +164,7 @@ pub(crate) enum Submessage<'a> {
         /// No answer is needed.
         is_final: bool,
     },
-    /// All fragments up to one were sent.
+    /// All fragments up to this one were sent.
     FragmentHeartbeat {
         writer: EntityId,
         reader: EntityId,
@@ -173,14 +173,14 @@ pub(crate) enum Submessage<'a> {
     Gap {
         writer: EntityId,
         reader: EntityId,
-        /// Not sent to this reader: from the first up to, without, the second, and those listed.
+        /// Numbers not meant for this reader: from the first up to but excluding the second, and those listed.
         range: (u64, u64),
         listed: Vec<u64>,
     },
     Acknowledge {
         writer: EntityId,
         reader: EntityId,
-        /// Everything below is received or not wanted.
+        /// Everything below is acknowledged or not wanted.
         base: u64,
         missing: Vec<u64>,
         count: u32,
@@ -206,9 +206,9 @@ pub(crate) struct Fragments<'a> {
     /// Counted from 1.
     pub(crate) start: u32,
     pub(crate) count: u16,
-    /// Bytes of each fragment but the last of the message.
+    /// Size of each fragment but the last, in bytes.
     pub(crate) size: u16,
-    /// Bytes of the message.
+    /// Size of the message, in bytes.
     pub(crate) total: u32,
     pub(crate) payload: &'a [u8],
 }
@@ -252,7 +252,7 @@ impl<'a> Iterator for Submessages<'a> {
         } else {
             u16::from_be_bytes([a, b])
         };
-        // A length of 0: up to the end of the datagram, except for what has no content.
+        // Length 0 means up to the end of the datagram, except for submessages without content.
         let length = match length {
             0 if kind != PAD && kind != INFO_TS => rest.len(),
             length => length.into(),
@@ -360,7 +360,7 @@ fn submessage(kind: u8, flags: u8, mut input: Input<'_>) -> Result<Submessage<'_
     })
 }
 
-/// A message without the bytes that pad it.
+/// Returns a message without its padding.
 pub(crate) fn unpadded(payload: &[u8]) -> Vec<u8> {
     let mut message = payload.to_vec();
     if let Some(&[_, _, _, options]) = message.first_chunk::<4>() {
@@ -407,15 +407,15 @@ fn skip_parameters(input: &mut Input<'_>) -> Result<usize, Malformed> {
     }
 }
 
-/// Writes one datagram.
+/// Writer of one datagram.
 pub(crate) struct Output {
     bytes: Vec<u8>,
 }
 
 impl Output {
-    /// With the header, and, unless it is for everyone, the destination.
+    /// Starts a datagram with the header and, unless it is for everyone, the destination.
     pub(crate) fn new(from: Prefix, to: Option<Prefix>) -> Self {
-        // Version 2.3, and no vendor: numbers of vendors are assigned by the OMG.
+        // Version 2.3; no vendor, because the OMG assigns vendor identifiers.
         let mut bytes = b"RTPS\x02\x03\x00\x00".to_vec();
         bytes.extend(from);
         debug_assert_eq!(bytes.len(), HEADER);
@@ -445,7 +445,7 @@ impl Output {
         self.bytes[start - 2..start].copy_from_slice(&length.to_le_bytes());
     }
 
-    /// When what follows was written: seconds since 1970, and 2^-32 of them.
+    /// Source time of the following submessages: seconds since 1970, and units of 2^-32 s.
     pub(crate) fn stamp(&mut self, (seconds, fraction): (u32, u32)) {
         self.submessage(INFO_TS, 0, |bytes| {
             bytes.extend(seconds.to_le_bytes());
@@ -453,7 +453,7 @@ impl Output {
         });
     }
 
-    /// A message that fits into the datagram; with parameters beside it, it is the key of what no longer exists.
+    /// Writes a message that fits into the datagram; with inline parameters, it is the key of an endpoint that is gone.
     pub(crate) fn data(
         &mut self,
         (reader, writer): (EntityId, EntityId),
@@ -467,7 +467,7 @@ impl Output {
             head(bytes, reader, writer, number);
             bytes.extend(parameters);
             bytes.extend(payload);
-            // The bytes that pad it, in the options of the encapsulation (OMG DDS-XTypes 1.3, 7.6.3.1.2).
+            // Number of padding bytes, in the options of the encapsulation (OMG DDS-XTypes 1.3, 7.6.3.1.2).
             let padding = payload.len().next_multiple_of(4) - payload.len();
             let options = bytes.len() - payload.len() + 3;
             if let Some(options) = bytes.get_mut(options) {
@@ -476,7 +476,7 @@ impl Output {
         });
     }
 
-    /// `count` fragments of `size` bytes of a message, from fragment `start` on, counted from 1.
+    /// Writes `count` fragments of `size` bytes of a message, from fragment `start` on, counted from 1.
     pub(crate) fn fragments(
         &mut self,
         (reader, writer): (EntityId, EntityId),
@@ -510,7 +510,7 @@ impl Output {
         });
     }
 
-    /// Sequence numbers from the first up to, without, the second are not sent.
+    /// Writes a gap: numbers from the first up to but excluding the second are not sent.
     pub(crate) fn gap(
         &mut self,
         (reader, writer): (EntityId, EntityId),
@@ -523,7 +523,7 @@ impl Output {
         });
     }
 
-    /// Everything below `base` is received or not wanted; `missing`, in order, is.
+    /// Writes an acknowledgement of everything below `base`, and requests `missing`, in ascending order.
     pub(crate) fn acknowledge(
         &mut self,
         (reader, writer): (EntityId, EntityId),
@@ -569,7 +569,7 @@ fn sequence_number(bytes: &mut Vec<u8>, number: u64) {
     bytes.extend((number as u32).to_le_bytes());
 }
 
-/// Those of `numbers` within 256 of `base`.
+/// Returns the `numbers` within 256 of `base`.
 fn set(bytes: &mut Vec<u8>, base: u64, numbers: &[u64]) {
     let mut words = [0u32; 8];
     let mut count = 0;
@@ -622,7 +622,7 @@ mod tests {
                 reader: READER,
                 writer: WRITER,
                 base: 5,
-                // 400 is further than a set reaches.
+                // 400 is beyond the span of a set.
                 missing: vec![5, 260],
                 count: 3,
                 is_final: true

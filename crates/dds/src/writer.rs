@@ -1,4 +1,5 @@
-//! A writer: what it sends to each matched reader, keeps, and sends again (OMG DDSI-RTPS 2.5, chapter 8.4.9).
+//! A writer: sends messages to matched readers, keeps the last ones, and sends them again on request (OMG DDSI-RTPS 2.5,
+//! chapter 8.4.9).
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -12,35 +13,35 @@ use crate::{
     wire::{Guid, Output, Prefix, UNKNOWN},
 };
 
-/// Bytes of a fragment. One, with its headers, fits into a packet of Ethernet and of most tunnels.
+/// Size of a fragment in bytes. With its headers it fits into a packet of Ethernet and of most tunnels.
 const FRAGMENT: usize = 1280;
 
-/// Fragments in one datagram to a participant of this machine, whose loopback interface transfers 64 kB at once.
+/// Fragments in a datagram to a participant of the same machine: the loopback interface transfers 64 kB at once.
 const FRAGMENTS_ON_HOST: usize = 48;
 
-/// Bytes that are sent again for one request. What remains is requested again.
+/// Limit of bytes sent again for one request. The reader will request the rest.
 const REPAIR: usize = 4 << 20;
 
-/// Where a participant receives, and whether it is on this machine.
+/// Address of a participant, and whether it is on this machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Destination {
     pub(crate) address: SocketAddrV4,
     pub(crate) on_host: bool,
 }
 
-/// What is to be sent.
+/// A datagram to send.
 #[derive(Debug)]
 pub(crate) struct Datagram {
     pub(crate) to: SocketAddrV4,
     pub(crate) bytes: Vec<u8>,
 }
 
-/// One that is kept.
+/// A kept message.
 struct Change {
     number: u64,
     stamp: (u32, u32),
     message: Arc<[u8]>,
-    /// The message is the key of this, which no longer exists.
+    /// The message is a key: the endpoint with this key is gone.
     gone: Option<Guid>,
 }
 
@@ -48,17 +49,17 @@ struct Change {
 struct Follower {
     to: Destination,
     reliable: bool,
-    /// What was written before is not sent.
+    /// Earlier messages are not sent.
     from: u64,
-    /// All up to this are received or not wanted.
+    /// Everything up to this number is acknowledged or not wanted.
     acknowledged: u64,
-    /// Of the last request.
+    /// Count of the last request.
     count: Option<u32>,
 }
 
 pub(crate) struct Writer {
     guid: Guid,
-    /// Messages kept; `None` for all, of built-in writers.
+    /// Number of messages to keep; `None`, all, for built-in writers.
     depth: Option<usize>,
     transient_local: bool,
     history: VecDeque<Change>,
@@ -97,7 +98,7 @@ impl Writer {
         self.followers.len()
     }
 
-    /// Adds a reader, to which messages that are kept are sent if `wants_history`.
+    /// Adds a reader, and sends it the kept messages if `wants_history`.
     pub(crate) fn add(
         &mut self,
         reader: Guid,
@@ -132,7 +133,7 @@ impl Writer {
         }
         self.followers.insert(reader, follower);
         if reliable {
-            // Also of nothing: from then on, the reader requests what is missing.
+            // Sent even when nothing is kept: from then on, the reader requests what is missing.
             self.heartbeat(reader, out);
             self.heartbeat_at.get_or_insert(now + self.interval);
         }
@@ -142,7 +143,7 @@ impl Writer {
         self.followers.retain(|&reader, _| !is_gone(reader));
     }
 
-    /// Sends a message to all readers, and keeps it. `gone` if it is the key of something that no longer exists.
+    /// Sends a message to all readers, and keeps it. With `gone`, it is the key of an endpoint that is gone.
     pub(crate) fn write(
         &mut self,
         message: Arc<[u8]>,
@@ -189,7 +190,7 @@ impl Writer {
         }
     }
 
-    /// Nothing is announced until [`release`](Self::release): what was written is still being sent.
+    /// Holds heartbeats back until [`release`](Self::release), while the message is still being sent.
     pub(crate) fn hold(&mut self) {
         self.heartbeat_at = None;
     }
@@ -198,7 +199,7 @@ impl Writer {
         self.heartbeat_at = Some(now + self.interval);
     }
 
-    /// What remains unacknowledged is announced again.
+    /// Sends heartbeats to readers with unacknowledged messages.
     pub(crate) fn tick(&mut self, now: Instant, out: &mut Vec<Datagram>) {
         if self.heartbeat_at.is_none_or(|at| now < at) {
             return;
@@ -215,7 +216,7 @@ impl Writer {
         }
     }
 
-    /// A reader has everything below `base`, and requests what is missing.
+    /// Handles an acknowledgement of everything below `base`, and sends the missing messages again.
     pub(crate) fn acknowledged(
         &mut self,
         reader: Guid,
@@ -263,7 +264,7 @@ impl Writer {
         }
     }
 
-    /// A reader requests fragments of a message.
+    /// Handles a request for fragments of a message.
     pub(crate) fn missing_fragments(
         &mut self,
         reader: Guid,
@@ -335,7 +336,7 @@ impl Writer {
         }
     }
 
-    /// Announces what is kept to a reader, or to all readers of a participant.
+    /// Sends a heartbeat about the kept messages to a reader, or to all readers of a participant.
     fn heartbeat(&mut self, reader: Guid, out: &mut Vec<Datagram>) {
         let Some(to) = self
             .followers
@@ -363,7 +364,7 @@ impl Writer {
     }
 }
 
-/// Whether a count, which only grows, is of what was received before.
+/// Whether a count, which never decreases, belongs to a submessage received before.
 fn is_repeated(last: Option<u32>, count: u32) -> bool {
     last.is_some_and(|last| count.wrapping_sub(last).wrapping_sub(1) >= 1 << 31)
 }

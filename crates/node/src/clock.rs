@@ -1,15 +1,15 @@
-//! Time, which tests control.
+//! The clock of a node, which tests control.
 
 use lsdc_recordings::{Receipt, Timestamp};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Tells the time.
+/// A source of time.
 pub trait Clock: Send + Sync {
-    /// The time since some beginning, which is never set.
+    /// Monotonic time since an arbitrary start.
     fn elapsed(&self) -> Duration;
 
-    /// Nanoseconds since 1970, as stamps of messages.
+    /// Nanoseconds since 1970, as in message stamps.
     fn stamp(&self) -> Timestamp;
 
     /// Both.
@@ -21,7 +21,7 @@ pub trait Clock: Send + Sync {
     }
 }
 
-/// The clock of the system.
+/// The system clock.
 #[derive(Clone, Copy, Debug)]
 pub struct SystemClock(Instant);
 
@@ -44,12 +44,12 @@ impl Clock for SystemClock {
     }
 }
 
-/// A clock that stands still until it is set, for tests.
+/// A clock that only tests advance.
 #[derive(Debug, Default)]
 pub struct ManualClock(Mutex<(Duration, Timestamp)>);
 
 impl ManualClock {
-    /// Sets the stamp, and moves the time on by as much, if the stamp is later.
+    /// Sets the stamp; if it is later, the monotonic time advances by the difference.
     pub fn set(&self, stamp: Timestamp) {
         let mut now = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (elapsed, before) = *now;
@@ -58,7 +58,7 @@ impl ManualClock {
         *now = (elapsed.saturating_add(Duration::from_nanos(passed)), stamp);
     }
 
-    /// Lets time pass.
+    /// Advances both times.
     pub fn advance(&self, time: Duration) {
         let mut now = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         now.0 = now.0.saturating_add(time);

@@ -8,44 +8,44 @@ use std::time::Duration;
 /// Topics and settings of a node.
 #[derive(Clone, Debug)]
 pub struct NodeConfig {
-    /// The name of the node, without a slash: results are published below it.
+    /// Name of the node, without a slash; results are published below it.
     pub name: String,
-    /// What is subscribed to.
+    /// Topics to subscribe to.
     pub topics: FrameTopics,
     /// Whether lost messages of images, points and cameras are requested again, which best-effort publishers do not serve: a
     /// reliable subscription does not match them.
     pub reliable: bool,
-    /// How points are matched to images. Names of topics in it are not used.
+    /// How points are matched to images. Its topic names are ignored.
     pub frames: FrameOptions,
-    /// How long an image waits for points and transforms after its receipt.
+    /// How long an image waits for points and transforms after it was received.
     pub patience: Duration,
-    /// How long image and points may take from the moment that both are there until the depth is published; quality is lowered
-    /// to keep to it.
+    /// Allowed time from the moment when image and points are both available until the depth is published. Quality is
+    /// reduced to meet it.
     pub max_latency: Option<Duration>,
     /// Whether the measured points of earlier images join those of each image, carried over by the transforms: those of so many
     /// neighbours, whatever `only_past` says. Not while quality is lowered.
     pub views: Option<ViewSettings>,
-    /// The topic of the depth; else `~/depth/image`.
+    /// Topic of the depth [default: `~/depth/image`].
     pub depth: Option<String>,
-    /// Whether the depth is published in whole millimetres (16UC1), not in metres (32FC1).
+    /// Publish depth in whole millimetres (16UC1) instead of metres (32FC1).
     pub millimetres: bool,
-    /// Whether standard deviations are published, as `~/standard_deviation/image`.
+    /// Publish standard deviations as `~/standard_deviation/image`.
     pub standard_deviation: bool,
-    /// Whether points that disagree with the others are published, as `~/outliers`.
+    /// Publish points that disagree with the others as `~/outliers`.
     pub outliers: bool,
-    /// Whether the depth is published as a cloud, too, as `~/points`.
+    /// Also publish the depth as a cloud, `~/points`.
     pub cloud: Option<CloudOptions>,
 }
 
 impl NodeConfig {
-    /// The usual settings for these topics.
+    /// Default settings for these topics.
     pub fn new(topics: FrameTopics) -> Self {
         Self {
             name: "lsdc".to_owned(),
             topics,
             reliable: false,
             frames: FrameOptions::default(),
-            // A turn of a scanner at 10 Hz, of which the cloud comes at the end, twice.
+            // Two turns of a scanner at 10 Hz, which publishes its cloud at the end of a turn.
             patience: Duration::from_millis(200),
             max_latency: None,
             views: None,
@@ -58,9 +58,9 @@ impl NodeConfig {
     }
 }
 
-/// The topics of images and points, by the conventions of ROS.
+/// Topics for images and points, by the conventions of ROS.
 ///
-/// The type of messages is guessed by names: `/compressed` and `/compressedDepth` end the topics of compressed images, those of
+/// Message types are inferred from names: topics of compressed images end in `/compressed` or `/compressedDepth`, those of
 /// depth images contain `depth` or `image`. The camera is `camera_info` beside the images; transforms are `/tf` and
 /// `/tf_static`.
 ///
@@ -100,13 +100,13 @@ pub fn conventional_topics(image: &str, points: &str) -> FrameTopics {
     }
 }
 
-/// The topic of the camera of images: `camera_info` in the same place, as `image_transport` has it.
+/// Topic of the camera info of images: `camera_info` in the same namespace, as in `image_transport`.
 pub fn camera_info_beside(image: &str) -> String {
     let above = transported(image).rsplit_once('/');
     format!("{}/camera_info", above.map_or("", |(above, _)| above))
 }
 
-/// The topic that a transport of images belongs to.
+/// The base topic of an image transport.
 fn transported(topic: &str) -> &str {
     let ends = ["/compressed", "/compressedDepth"];
     let found = ends.iter().find_map(|end| topic.strip_suffix(end));

@@ -1,4 +1,4 @@
-//! One frame: decoded, seen by the network, fitted, and written as messages.
+//! One frame: decoding, network, fit, and the messages of the result.
 
 use crate::config::NodeConfig;
 use crate::past::{Carried, PastImage, PastViews};
@@ -15,7 +15,7 @@ use lsdc_recordings::{
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// What is published of a frame.
+/// Topics published for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Output {
     Depth,
@@ -36,7 +36,7 @@ pub(crate) struct Engine {
     past: Option<Mutex<PastViews>>,
 }
 
-/// A frame whose image the network has seen.
+/// A frame with the output of the network.
 pub(crate) struct Prepared {
     frame: DecodedFrame,
     points_stamp: Timestamp,
@@ -45,18 +45,18 @@ pub(crate) struct Prepared {
     scene: Scene,
     points: Observations,
     pub(crate) level: Level,
-    /// When the image was received, and when it and its points were there.
+    /// When the image was received, and when its points were available.
     pub(crate) times: FrameMoments,
 }
 
-/// When the image of a frame was received, and when it and its points were there.
+/// When the image of a frame was received, and when its points were available.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FrameMoments {
     pub(crate) received: Duration,
     pub(crate) ready: Duration,
 }
 
-/// A completed frame as messages, and what diagnostics say about it.
+/// The messages of a completed frame, and its diagnostics.
 pub(crate) struct Completed {
     pub(crate) messages: Vec<(Output, Vec<u8>)>,
     pub(crate) facts: Facts,
@@ -64,25 +64,25 @@ pub(crate) struct Completed {
     pub(crate) times: FrameMoments,
 }
 
-/// The numbers of a completed frame.
+/// Statistics of a completed frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Facts {
-    /// Points that were given, after those that are left out by their quality.
+    /// Points used, without those left out by reduced quality.
     pub(crate) given: usize,
     pub(crate) used: usize,
-    /// Points that quality left out.
+    /// Points left out by reduced quality.
     pub(crate) thinned: usize,
-    /// Points whose time is unknown, or that transforms do not reach.
+    /// Points whose time is unknown or not covered by transforms.
     pub(crate) unplaced: usize,
     /// Root mean square of the residuals, in metres.
     pub(crate) residual: f64,
-    /// Points that disagree with the others, if they were looked for.
+    /// Points that disagree with the others, if that was tested.
     pub(crate) outliers: Option<usize>,
     /// What became of the points of earlier images, if they are used and the place of the camera is known.
     pub(crate) carried: Option<Carried>,
-    /// Pixels beyond what whole millimetres hold.
+    /// Pixels beyond the range of 16-bit millimetres.
     pub(crate) beyond: usize,
-    /// What is doubtful about the frame.
+    /// Warnings about the frame.
     pub(crate) remarks: Vec<String>,
 }
 
@@ -108,7 +108,7 @@ impl Engine {
         self.small.is_some()
     }
 
-    /// The part that depends on the image alone.
+    /// Runs the network, which depends on the image alone.
     pub(crate) fn prepare(
         &self,
         frame: &LiveFrame,
@@ -138,7 +138,7 @@ impl Engine {
         })
     }
 
-    /// The fit, and the messages of its results.
+    /// Runs the fit, and writes the messages.
     pub(crate) fn complete(&self, prepared: Prepared) -> Result<Completed> {
         let (completion, carried) = self.fit(&prepared)?;
         let Prepared {
@@ -165,7 +165,7 @@ impl Engine {
             let (message, _) = write_depth(header, deviations, false);
             messages.push((Output::StandardDeviation, message));
         }
-        // Depths are where the image is: a camera that was given is at its place among the points.
+        // The pose of a given camera places it among the points; depths belong to the frame of the image.
         let camera = frame.camera.as_ref().map(|camera| {
             let origin = Rigid::IDENTITY;
             camera
@@ -246,7 +246,7 @@ fn size(frame: &DecodedFrame) -> (usize, usize) {
     (frame.image.width() as usize, frame.image.height() as usize)
 }
 
-/// The outliers in space, with the distance from the depth that the other points predict, in metres, and their probability.
+/// Outliers as 3D points, with their distance in metres from the depth predicted by the other points, and their probability.
 fn outlier_rows(
     completion: &Completion,
     points: &[Observation],

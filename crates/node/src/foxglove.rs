@@ -16,20 +16,20 @@ use tungstenite::http::{HeaderValue, StatusCode, header};
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Message, WebSocket};
 
-/// What clients may offer, the preferred one first.
+/// Accepted subprotocols, the preferred one first.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Clients at a time.
+/// Limit of simultaneous clients.
 const CLIENTS: usize = 8;
-/// Bytes of what a client sends.
+/// Limit of a request, in bytes.
 const LARGEST: usize = 1 << 20;
-/// Subscriptions of a client.
+/// Limit of subscriptions per client.
 const SUBSCRIPTIONS: usize = 256;
-/// How long a client may take for the handshake, and for each message that is sent to it.
+/// Time limit of the handshake and of each message sent to a client.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// A server that shows topics in Foxglove.
 ///
-/// Clients that are slower than the topics miss messages: of each topic the newest waits.
+/// Slow clients miss messages: only the newest message of each topic waits.
 #[derive(Clone)]
 pub struct Foxglove {
     shared: Arc<Shared>,
@@ -48,7 +48,7 @@ struct State {
     next: u64,
 }
 
-/// A topic; its number is that in the list, and one more in the protocol.
+/// A topic. Its identifier in the protocol is its index in the list plus one.
 #[derive(Clone)]
 struct Channel {
     topic: String,
@@ -64,12 +64,12 @@ struct Client {
 
 #[derive(Default)]
 struct Outbox {
-    /// The numbers of subscriptions by channel.
+    /// Subscription identifiers by channel.
     subscriptions: BTreeMap<usize, u32>,
     texts: Vec<String>,
-    /// The newest message of each channel that was not sent yet, and when it was received.
+    /// The newest unsent message of each channel, and when it was received.
     messages: BTreeMap<usize, (u64, Arc<[u8]>)>,
-    /// Where the search for the next message begins, so that all channels have their turn.
+    /// Where the search for the next message starts, so that channels take turns.
     turn: usize,
     is_closed: bool,
 }
@@ -79,7 +79,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Foxglove {
-    /// Listens on an address; port 0 is any that is free.
+    /// Listens on an address; port 0 picks a free port.
     ///
     /// # Errors
     /// The address is in use, or a thread cannot be started.
@@ -105,7 +105,7 @@ impl Foxglove {
                     let shared = shared.clone();
                     let name = "lsdc-foxglove".to_owned();
                     let thread = std::thread::Builder::new().name(name);
-                    // Without a thread, the connection is closed.
+                    // Without a thread, the connection closes.
                     let _ = thread.spawn(move || shared.serve(stream));
                 }
             }
@@ -115,12 +115,12 @@ impl Foxglove {
         Ok(server)
     }
 
-    /// Where it listens.
+    /// The address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The same transport with all its topics of types that are known shown in Foxglove, too.
+    /// Wraps a transport so that its topics of known types are also shown in Foxglove.
     pub fn beside<'a>(&self, inner: &'a mut dyn Transport) -> ShownTransport<'a> {
         ShownTransport {
             inner,
@@ -128,7 +128,7 @@ impl Foxglove {
         }
     }
 
-    /// Announces a topic. Nothing for types that are not known.
+    /// Announces a topic. Returns `None` for unknown types.
     fn channel(&self, topic: &str, kind: &str) -> Option<usize> {
         message_definition(kind)?;
         let mut state = lock(&self.shared.state);
@@ -164,7 +164,7 @@ impl Foxglove {
     }
 }
 
-/// The announcement of channels.
+/// The message that advertises channels.
 fn advertise(channels: &[(usize, &Channel)]) -> String {
     let described = channels.iter().map(|(number, channel)| {
         json!({
@@ -187,7 +187,7 @@ impl Client {
         self.filled.notify_one();
     }
 
-    /// Blocks until there is something to send; `None` at the end.
+    /// Blocks until there is a message to send; `None` once the client has left.
     fn next(&self) -> Option<Message> {
         let is_idle = |outbox: &mut Outbox| {
             outbox.texts.is_empty() && outbox.messages.is_empty() && !outbox.is_closed
@@ -205,7 +205,7 @@ impl Client {
         let channel = *after.or(outbox.messages.iter().next())?.0;
         let (stamp, message) = outbox.messages.remove(&channel)?;
         outbox.turn = channel + 1;
-        // A client may have unsubscribed meanwhile.
+        // The client may have unsubscribed meanwhile.
         let Some(subscription) = outbox.subscriptions.get(&channel) else {
             return Some(Message::Ping(Vec::new().into()));
         };
@@ -217,7 +217,7 @@ impl Client {
         Some(Message::binary(bytes))
     }
 
-    /// Does what a client asks for, if it is known.
+    /// Handles a request; unknown ones are ignored.
     fn obey(&self, text: &str, channels: usize) {
         let Ok(request) = serde_json::from_str::<Value>(text) else {
             return;
@@ -253,7 +253,7 @@ impl Client {
     }
 }
 
-/// A connection that two threads write to, each whole frames.
+/// A connection to which two threads write whole frames.
 struct SharedStream {
     stream: TcpStream,
     gate: Arc<Mutex<()>>,
@@ -280,7 +280,7 @@ impl Write for SharedStream {
 impl Shared {
     /// Serves a client until it leaves.
     fn serve(&self, stream: TcpStream) {
-        // Whoever does not keep to the protocol is left.
+        // A client that violates the protocol is disconnected.
         let _ = self.converse(stream);
     }
 
@@ -311,7 +311,7 @@ impl Shared {
         let sending = sending.spawn(move || {
             while let Some(message) = sender.next() {
                 if writer.send(message).is_err() {
-                    // Ends the reader, too.
+                    // Also ends the reading thread.
                     let _ = stream.shutdown(std::net::Shutdown::Both);
                     return;
                 }
@@ -329,7 +329,7 @@ impl Shared {
         Ok(())
     }
 
-    /// Tells a client what there is, and adds it to those that are sent to.
+    /// Advertises all channels to a client, and registers it.
     fn greet(&self, client: &Arc<Client>) -> u64 {
         let mut state = lock(&self.state);
         client.say(
@@ -348,7 +348,7 @@ impl Shared {
     }
 }
 
-/// Agrees on a protocol.
+/// Negotiates the subprotocol.
 #[allow(clippy::result_large_err)]
 fn agreed(
     request: &Request,
@@ -372,7 +372,7 @@ fn agreed(
     Ok(response)
 }
 
-/// A transport whose topics are shown in Foxglove, too.
+/// A transport whose topics are also shown in Foxglove.
 pub struct ShownTransport<'a> {
     inner: &'a mut dyn Transport,
     server: Foxglove,

@@ -1,14 +1,14 @@
-//! Messages that were received and not yet looked at.
+//! The queue of received messages.
 
 use lsdc_recordings::Receipt;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Bytes of all messages.
+/// Limit of all queued messages, in bytes.
 const MOST_BYTES: usize = 1 << 30;
 
-/// Messages in the order of their receipt, of each topic at most so many, and at most [`MOST_BYTES`]: the oldest make room.
+/// Messages in order of arrival: a limited number of each topic, and at most [`MOST_BYTES`]. The oldest are dropped.
 #[derive(Default)]
 pub(crate) struct Inbox {
     contents: Mutex<Contents>,
@@ -21,7 +21,7 @@ struct Contents {
     bytes: usize,
     topics: Vec<Topic>,
     is_closed: bool,
-    /// Whether who waits is to look again, though no message has come.
+    /// Wake the waiting thread although no message has come.
     is_woken: bool,
 }
 
@@ -34,14 +34,14 @@ struct Topic {
 
 /// A message of a topic.
 pub(crate) struct Received {
-    /// The number of the topic.
+    /// Index of the topic.
     pub(crate) topic: usize,
     pub(crate) message: Vec<u8>,
     pub(crate) receipt: Receipt,
 }
 
 impl Contents {
-    /// Removes the oldest message of those.
+    /// Drops the oldest of these messages.
     fn lose(&mut self, of: impl Fn(&Received) -> bool) {
         let oldest = self.messages.iter().position(of);
         let Some(lost) = oldest.and_then(|oldest| self.messages.remove(oldest)) else {
@@ -60,7 +60,7 @@ impl Inbox {
         self.contents.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a topic of which so many messages are kept, and returns its number.
+    /// Adds a topic with a limit of queued messages, and returns its index.
     pub(crate) fn add_topic(&self, name: &str, limit: usize) -> usize {
         let mut contents = self.lock();
         contents.topics.push(Topic {
@@ -72,7 +72,7 @@ impl Inbox {
         contents.topics.len() - 1
     }
 
-    /// Adds a message of a topic that was added before.
+    /// Adds a message of a registered topic.
     pub(crate) fn put(&self, received: Received) {
         let mut contents = self.lock();
         let number = received.topic;
@@ -93,7 +93,7 @@ impl Inbox {
         self.arrived.notify_one();
     }
 
-    /// The oldest message, with the name of its topic.
+    /// Removes the oldest message, and returns it with the name of its topic.
     pub(crate) fn take(&self) -> Option<(String, Received)> {
         let mut contents = self.lock();
         let received = contents.messages.pop_front()?;
@@ -103,12 +103,12 @@ impl Inbox {
         Some((topic.name.clone(), received))
     }
 
-    /// How many messages of a topic had to make room.
+    /// Number of dropped messages of a topic.
     pub(crate) fn lost(&self, topic: usize) -> u64 {
         self.lock().topics.get(topic).map_or(0, |topic| topic.lost)
     }
 
-    /// Blocks until there is a message, the inbox is closed, or so much time has passed. Returns whether it is open.
+    /// Blocks until there is a message, the inbox is closed, or the time has passed. Returns whether it is still open.
     pub(crate) fn wait(&self, most: Duration) -> bool {
         let contents = self.lock();
         let is_idle = |contents: &mut Contents| {
@@ -120,13 +120,13 @@ impl Inbox {
         !contents.is_closed
     }
 
-    /// Ends the current or the next waiting.
+    /// Ends the current or the next wait.
     pub(crate) fn wake(&self) {
         self.lock().is_woken = true;
         self.arrived.notify_all();
     }
 
-    /// Ends all waiting.
+    /// Closes the inbox: every wait ends.
     pub(crate) fn close(&self) {
         self.lock().is_closed = true;
         self.arrived.notify_all();

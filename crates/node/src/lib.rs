@@ -1,8 +1,8 @@
 //! Depth completion of live ROS 2 topics, without ROS.
 //!
 //! A [`Node`] subscribes to images, points, cameras and transforms over a [`Transport`], and publishes the depth of the
-//! newest image. Points are matched to images, deskewed and projected by [`lsdc_recordings::LiveFrames`], as those of
-//! recordings: the depths of a drive are the same bits live and from its recording.
+//! newest image. [`lsdc_recordings::LiveFrames`] matches points to images, deskews and projects them, as for
+//! recordings: live depths are bit for bit those of the recording.
 
 mod clock;
 mod config;

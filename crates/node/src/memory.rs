@@ -1,4 +1,4 @@
-//! A transport within the process, for tests and for programs that have the messages of all topics themselves.
+//! A transport within the process, for tests and for programs that already have the messages.
 
 use crate::transport::{Advertisement, Deliver, Publisher, Subscription, Transport};
 use lsdc_files::error::Result;
@@ -12,17 +12,17 @@ pub struct MemoryTransport {
     published: Option<Sender<Published>>,
 }
 
-/// A message that was published.
+/// A published message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Published {
     /// Its topic.
     pub topic: String,
-    /// In CDR.
+    /// The message in CDR.
     pub message: Vec<u8>,
 }
 
 impl MemoryTransport {
-    /// Receives what is published on topics that are announced from now on.
+    /// Receives messages published on topics advertised from now on.
     pub fn outputs(&mut self) -> Receiver<Published> {
         let (sender, receiver) = channel();
         self.published = Some(sender);
@@ -41,14 +41,14 @@ impl MemoryTransport {
         any
     }
 
-    /// What was subscribed to.
+    /// Subscribed topics.
     pub fn subscriptions(&self) -> impl Iterator<Item = &Subscription> {
         self.subscribers
             .iter()
             .map(|(subscription, _)| subscription)
     }
 
-    /// What was announced.
+    /// Advertised topics.
     pub fn advertised(&self) -> &[Advertisement] {
         &self.advertised
     }
@@ -77,7 +77,7 @@ struct MemoryPublisher {
 impl Publisher for MemoryPublisher {
     fn publish(&self, message: &[u8]) -> Result<()> {
         if let Some(published) = &self.published {
-            // Nobody has to listen.
+            // It is no error if nobody listens.
             let _ = published.send(Published {
                 topic: self.topic.clone(),
                 message: message.to_vec(),

@@ -1,4 +1,4 @@
-//! The node: messages in, depth out.
+//! The node: from messages to published depth.
 
 use crate::clock::Clock;
 use crate::config::{NodeConfig, camera_info_beside};
@@ -17,18 +17,18 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Messages that wait to be looked at: of images, as only the newest is completed; of points and cameras; of transforms, which
-/// come at up to some kHz.
+/// Queue limits: of images, of which only the newest is completed; of points and cameras; of transforms, which may
+/// arrive at several kHz.
 const IMAGES: usize = 4;
 const OTHERS: usize = 32;
 const TRANSFORMS: usize = 8192;
-/// Between diagnostics.
+/// Interval between diagnostics.
 const PERIOD: Duration = Duration::from_secs(1);
 
 /// A node that completes the newest image.
 ///
-/// [`Self::run`] works on two threads: the network sees an image while the one before is fitted. [`Self::turn`] does what there
-/// is to do on the calling thread, for tests and for programs with a loop of their own.
+/// [`Self::run`] uses two threads: the network processes an image while the previous one is fitted. [`Self::turn`] does all
+/// pending work on the calling thread, for tests and for programs with their own loop.
 ///
 /// ```
 /// # fn main() -> lsdc_files::error::Result<()> {
@@ -54,23 +54,23 @@ pub struct Node {
     shared: Arc<Shared>,
 }
 
-/// Ends a running node.
+/// A handle that stops a running node.
 #[derive(Clone)]
 pub struct NodeHandle(Arc<Shared>);
 
 impl NodeHandle {
-    /// Lets [`Node::run`] return after the image that is being completed.
+    /// Makes [`Node::run`] return after the current image.
     pub fn stop(&self) {
         self.0.inbox.close();
     }
 
-    /// What the node has done until now.
+    /// Statistics since the node was created.
     pub fn status(&self) -> NodeStatus {
         self.0.status()
     }
 }
 
-/// What both threads use.
+/// State shared by both threads.
 struct Shared {
     inbox: Arc<Inbox>,
     image_topic: usize,
@@ -85,19 +85,19 @@ struct State {
     governor: Governor,
 }
 
-/// Up to the network.
+/// The first stage: up to the network.
 struct Front {
     live: LiveFrames,
-    /// The newest frame that is complete, and when it was.
+    /// The newest complete frame, and when it became complete.
     held: Option<(LiveFrame, Duration)>,
     diagnostics: Box<dyn Publisher>,
     name: String,
     image_topic: String,
-    /// When diagnostics were published last, and what they were.
+    /// The last diagnostics, and when they were published.
     published: (Duration, NodeStatus),
 }
 
-/// From the fit on.
+/// The second stage: from the fit on.
 struct Back {
     publishers: Vec<(Output, Box<dyn Publisher>)>,
 }
@@ -113,7 +113,7 @@ impl Shared {
         status
     }
 
-    /// Adds what never left the inbox.
+    /// Adds the messages dropped by the inbox.
     fn count_lost(&self, status: &mut NodeStatus) {
         let images = self.inbox.lost(self.image_topic);
         status.images += images;
@@ -125,7 +125,7 @@ impl Shared {
         status.lost = others.map(|topic| self.inbox.lost(*topic)).sum();
     }
 
-    /// What a stage returns; an image that it fails at is counted.
+    /// Unwraps the result of a stage; a failed image is counted.
     fn guarded<T>(&self, stage: &'static str, work: impl FnOnce() -> Result<T>) -> Option<T> {
         let found = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| {
             let what = "a part of the program broke off";
@@ -155,7 +155,7 @@ impl Shared {
 }
 
 impl Front {
-    /// Looks at all messages that have come, and keeps the newest complete frame.
+    /// Handles all queued messages, and keeps the newest complete frame.
     fn read(&mut self, shared: &Shared) {
         while let Some((topic, received)) = shared.inbox.take() {
             self.live.add(&topic, received.message, received.receipt);
@@ -185,7 +185,7 @@ impl Front {
         }
     }
 
-    /// Publishes diagnostics, if it is time.
+    /// Publishes diagnostics, if they are due.
     fn diagnose(&mut self, shared: &Shared) {
         let now = shared.clock.elapsed();
         let (last, before) = &self.published;
@@ -201,7 +201,7 @@ impl Front {
         self.published = (now, status);
     }
 
-    /// How long there is nothing to do unless a message comes.
+    /// Time until something is due without another message.
     fn idle(&self, shared: &Shared) -> Duration {
         let next = self.published.0.saturating_add(PERIOD);
         let next = self
@@ -247,11 +247,11 @@ impl Back {
 }
 
 impl Node {
-    /// Subscribes to the topics of a configuration, and announces those of its results. `small` are the weights that a deadline
-    /// falls back to.
+    /// Subscribes to the topics of a configuration, and advertises those of its results. `small` are the weights used when a
+    /// deadline requires faster ones.
     ///
     /// # Errors
-    /// What the transport returns.
+    /// Errors of the transport.
     pub fn new(
         config: NodeConfig,
         completer: Completer,
@@ -297,18 +297,18 @@ impl Node {
         })
     }
 
-    /// What ends the node while it runs.
+    /// Returns a handle that stops the node while it runs.
     pub fn handle(&self) -> NodeHandle {
         NodeHandle(self.shared.clone())
     }
 
-    /// What the node has done until now.
+    /// Statistics since the node was created.
     pub fn status(&self) -> NodeStatus {
         self.shared.status()
     }
 
-    /// Looks at all messages that have come, and completes the newest image that has its points, on the calling thread. Returns
-    /// how long there is nothing to do unless a message comes.
+    /// Handles all queued messages, and completes the newest image that has points, on the calling thread. Returns the
+    /// time until something is due without another message.
     pub fn turn(&mut self) -> Duration {
         let Self {
             front,
@@ -339,7 +339,7 @@ impl Node {
             let thread = std::thread::Builder::new().name("lsdc-fit".to_owned());
             let fitting = move || {
                 while let Some(prepared) = slot.take() {
-                    // The network may see the next image.
+                    // The network may process the next image.
                     shared.inbox.wake();
                     if let Some(completed) = shared.complete(prepared) {
                         back.publish(shared, completed);
@@ -366,7 +366,7 @@ impl Node {
     }
 }
 
-/// Announces the results.
+/// Advertises the results.
 fn advertise(
     config: &NodeConfig,
     transport: &mut dyn Transport,
@@ -376,7 +376,7 @@ fn advertise(
     let depth = config.depth.clone().unwrap_or_else(|| own("depth/image"));
     let camera_info = camera_info_beside(&depth);
     let (image, cloud) = (MessageType::Image, MessageType::PointCloud2);
-    // Beside some topics the camera of the images is published already.
+    // The camera info of the images may already be published beside this topic.
     let is_new = ![&topics.camera_info, &topics.depth_info]
         .into_iter()
         .flatten()
@@ -410,7 +410,7 @@ fn advertise(
     Ok(publishers)
 }
 
-/// Subscribes to all topics, and returns their numbers in the inbox: that of the images first.
+/// Subscribes to all topics, and returns their indices in the inbox, that of the images first.
 fn subscribe(
     config: &NodeConfig,
     inbox: &Arc<Inbox>,

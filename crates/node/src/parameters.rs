@@ -1,15 +1,15 @@
-//! Files of parameters as ROS 2 has them: YAML with the names of nodes, `ros__parameters`, and values.
+//! Parameter files of ROS 2: YAML with node names, `ros__parameters`, and values.
 
 use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Below it are the parameters of a node.
+/// Key of the parameters of a node.
 const PARAMETERS: &str = "ros__parameters";
-/// Stands for any node.
+/// Matches any node.
 const ANY: [&str; 2] = ["/**", "**"];
 
-/// The parameters of a node. That much of YAML is read: nested names, and texts, numbers, truth values and lists of these.
+/// The parameters of a node. Supported YAML: nested names with strings, numbers, booleans, and lists of these.
 ///
 /// ```
 /// use lsdc_node::Parameters;
@@ -28,7 +28,7 @@ const ANY: [&str; 2] = ["/**", "**"];
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Parameters(BTreeMap<String, Vec<String>>);
 
-/// A line that holds something.
+/// A line with content.
 struct Line<'a> {
     number: usize,
     indent: usize,
@@ -36,16 +36,16 @@ struct Line<'a> {
 }
 
 impl Parameters {
-    /// Reads the parameters of a node from a file: those of `/**`, and over them those of its name.
+    /// Reads the parameters of a node from a file: those of `/**`, overridden by those under its name.
     ///
     /// # Errors
-    /// A file that cannot be read, that is no such YAML, or without parameters of the node.
+    /// The file cannot be read, is not such YAML, or has no parameters for the node.
     pub fn read(path: &Path, node: &str) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
         Self::parse(path, &text, node)
     }
 
-    /// As [`Self::read`], of the text of a file that is called `path` in errors.
+    /// Same as [`Self::read`] for the text of a file, called `path` in errors.
     ///
     /// # Errors
     /// As for [`Self::read`].

@@ -1,8 +1,8 @@
-//! How a deadline is kept: by fewer points, then by smaller weights.
+//! Meeting a deadline: fewer points, then smaller weights.
 
 use std::time::Duration;
 
-/// The steps by which a completion is made faster.
+/// Quality levels, each faster than the one before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// All points.
@@ -11,7 +11,7 @@ pub enum Level {
     FewerPoints,
     /// At most 500 points.
     FewPoints,
-    /// At most 500 points, and weights of a smaller network.
+    /// At most 500 points, and the smaller network.
     SmallWeights,
 }
 
@@ -23,7 +23,7 @@ impl Level {
         Self::SmallWeights,
     ];
 
-    /// The largest number of points that are fitted.
+    /// Largest number of points to fit.
     pub fn most_points(self) -> usize {
         match self {
             Self::Full => usize::MAX,
@@ -32,7 +32,7 @@ impl Level {
         }
     }
 
-    /// What diagnostics call it.
+    /// Name in diagnostics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Full => "full",
@@ -43,22 +43,22 @@ impl Level {
     }
 }
 
-/// Chooses the level of the next image by how long the last ones took.
+/// Chooses the level of the next image from the durations of the last ones.
 #[derive(Clone, Debug)]
 pub(crate) struct Governor {
     most: Option<Duration>,
     lowest: Level,
     level: Level,
-    /// Images in a row that were fast enough for the level above.
+    /// Consecutive images fast enough for the level above.
     fast: u32,
-    /// How many are needed: twice as many after each return that was too early.
+    /// Number needed before returning to that level; doubled after each premature return.
     needed: u32,
-    /// Images that took longer than they may.
+    /// Images that missed the deadline.
     pub(crate) late: u64,
 }
 
 impl Governor {
-    /// Fast images before a level is taken back.
+    /// Fast images needed before the first return.
     const PATIENCE: u32 = 20;
     const MOST_PATIENCE: u32 = 640;
 
@@ -81,7 +81,7 @@ impl Governor {
         self.level
     }
 
-    /// Adds how long an image of a level took. Images of other levels than the current one were begun before it changed.
+    /// Adds the duration of an image. Images of another level were started before the level changed.
     pub(crate) fn add(&mut self, level: Level, took: Duration) {
         let Some(most) = self.most else {
             return;
@@ -94,7 +94,7 @@ impl Governor {
         let at = at.unwrap_or_default();
         if took > most {
             if self.level < self.lowest {
-                // The level was left too early.
+                // The return to this level was premature.
                 if self.fast == 0 && self.needed > Self::PATIENCE {
                     self.needed = (2 * self.needed).min(Self::MOST_PATIENCE);
                 }
@@ -103,7 +103,7 @@ impl Governor {
             self.fast = 0;
             return;
         }
-        // A level up takes up to twice as long.
+        // The level above takes up to twice as long.
         self.fast = if 2 * took <= most { self.fast + 1 } else { 0 };
         if at > 0 && self.fast >= self.needed {
             self.level = Level::ALL[at - 1];
@@ -113,7 +113,7 @@ impl Governor {
     }
 }
 
-/// Every so many of some things, so that at most so many are left, evenly in their order.
+/// Selects `most` evenly spaced items; `None` if there are no more than that.
 pub(crate) fn thinned<T: Copy>(all: &[T], most: usize) -> Option<Vec<T>> {
     (all.len() > most).then(|| (0..most).map(|i| all[i * all.len() / most]).collect())
 }
@@ -137,7 +137,7 @@ mod tests {
         assert_eq!((governor.level(), governor.late), (Level::Full, 0));
         add(&mut governor, 51, 1);
         assert_eq!(governor.level(), Level::FewerPoints);
-        // What was begun before does not count twice.
+        // Images started before the change do not count again.
         governor.add(Level::Full, Duration::from_secs(1));
         assert_eq!((governor.level(), governor.late), (Level::FewerPoints, 2));
         add(&mut governor, 90, 10);
@@ -149,7 +149,7 @@ mod tests {
         assert_eq!(governor.level(), Level::SmallWeights);
         add(&mut governor, 25, 1);
         assert_eq!(governor.level(), Level::FewPoints);
-        // Too early: the next return takes longer.
+        // Premature: the next return takes longer.
         add(&mut governor, 60, 1);
         assert_eq!(governor.level(), Level::SmallWeights);
         add(&mut governor, 20, 79);

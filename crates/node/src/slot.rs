@@ -1,10 +1,10 @@
-//! The place between two threads, for one thing.
+//! A channel between two threads with room for one item.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Holds one thing until the other thread takes it.
+/// Holds one item until the other thread takes it.
 pub(crate) struct Slot<T> {
-    /// The thing, and whether another one may follow.
+    /// The item, and whether the slot is still open.
     contents: Mutex<(Option<T>, bool)>,
     changed: Condvar,
 }
@@ -27,20 +27,20 @@ impl<T> Slot<T> {
         self.lock().0.is_none()
     }
 
-    /// Puts a thing in, which is empty before.
+    /// Fills the slot, which must be empty.
     pub(crate) fn put(&self, thing: T) {
         self.lock().0 = Some(thing);
         self.changed.notify_one();
     }
 
-    /// Blocks until there is a thing, and takes it; `None` once the slot is closed.
+    /// Blocks until there is an item, and takes it; `None` once the slot is closed and empty.
     pub(crate) fn take(&self) -> Option<T> {
         let waits = |(thing, is_open): &mut (Option<T>, bool)| thing.is_none() && *is_open;
         let contents = self.changed.wait_while(self.lock(), waits);
         contents.unwrap_or_else(PoisonError::into_inner).0.take()
     }
 
-    /// Ends all waiting. What is in is still taken.
+    /// Closes the slot: every wait ends. An item in it can still be taken.
     pub(crate) fn close(&self) {
         self.lock().1 = false;
         self.changed.notify_all();

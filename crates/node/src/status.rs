@@ -1,4 +1,4 @@
-//! What the node has done, in numbers, and as diagnostics.
+//! Statistics of the node, and their diagnostics message.
 
 use crate::engine::Facts;
 use crate::past::Carried;
@@ -7,43 +7,43 @@ use lsdc_recordings::{DiagnosticLevel, DiagnosticStatus, DropReason, LiveCounts}
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// What a node has done until now. Each image that was received is completed, left out for a reason, or still waits.
+/// Statistics of a node. Each received image has been completed, left out for a reason, or still waits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeStatus {
     /// Images received.
     pub images: u64,
     /// Images whose depth was published.
     pub completed: u64,
-    /// Images without depth, by the kind of the reason.
+    /// Images without depth, by kind of reason.
     pub left_out: BTreeMap<&'static str, u64>,
-    /// Why the last of them was left out.
+    /// Reason for the last of them.
     pub last_reason: Option<String>,
-    /// Messages other than images that were received faster than they were read, and are lost.
+    /// Dropped messages other than images: they arrived faster than they were handled.
     pub lost: u64,
     /// Results that could not be published.
     pub unpublished: u64,
-    /// What was left out of cameras, points and transforms.
+    /// Counts of rejected camera infos, points and transforms.
     pub inputs: LiveCounts,
     /// Images completed without points of earlier ones though these are wanted: the place of the camera was not known, or quality
     /// was lowered.
     pub alone: u64,
-    /// Why no image can be completed, if that is so.
+    /// Why no image can be completed at the moment, if so.
     pub lacking: Option<String>,
-    /// What is assumed and should be checked, a sentence each.
+    /// Assumptions to check, one sentence each.
     pub remarks: Vec<String>,
-    /// The quality of the next image; nothing before the first.
+    /// Quality of the next image; `None` before the first.
     pub quality: Option<Level>,
-    /// Images that took longer than they may.
+    /// Images that missed the deadline.
     pub late: u64,
-    /// Of the last image, from the moment that it and its points were there until its depth was published.
+    /// Time from when the last image and its points were available until its depth was published.
     pub latency: Option<Duration>,
-    /// Of the last image, from its receipt until its depth was published.
+    /// Time from when the last image was received until its depth was published.
     pub age: Option<Duration>,
     pub(crate) facts: Facts,
 }
 
 impl NodeStatus {
-    /// Images that are neither completed nor left out yet.
+    /// Images neither completed nor left out yet.
     pub fn waiting(&self) -> u64 {
         self.images
             .saturating_sub(self.completed + self.left_out.values().sum::<u64>())

@@ -1,20 +1,20 @@
-//! What carries messages: the interface to DDS or anything else.
+//! The interface to DDS or any other middleware.
 
 use lsdc_files::error::Result;
 
-/// Carries messages between the node and other programs. Messages are in CDR, behind the four bytes that state how they are
-/// encoded.
+/// Carries messages between the node and other programs. Messages are in CDR, including the four bytes of the
+/// encapsulation.
 pub trait Transport {
-    /// Calls `deliver` with each message of a topic from now on, on any thread. `deliver` returns soon and does not block.
+    /// Subscribes to a topic. Calls `deliver` with each message, on any thread; `deliver` must not block.
     ///
     /// # Errors
     /// The topic cannot be subscribed to.
     fn subscribe(&mut self, subscription: &Subscription, deliver: Deliver) -> Result<()>;
 
-    /// Announces a topic, and returns what publishes its messages.
+    /// Advertises a topic, and returns its publisher.
     ///
     /// # Errors
-    /// The topic cannot be announced.
+    /// The topic cannot be advertised.
     fn advertise(&mut self, advertisement: &Advertisement) -> Result<Box<dyn Publisher>>;
 }
 
