@@ -4,7 +4,8 @@
 #   bash scripts/gpu.sh pack DIR     builds, and copies all that the other machine needs to DIR
 #   bash DIR/gpu.sh run OUT          there: at most 8 minutes; writes logs and figures to OUT
 #
-# The machine needs glibc of at least the version here, and a Vulkan driver.
+# The machine needs glibc of at least the version here, and a Vulkan driver. With the encoder of `anything` in the folder
+# LSDC_WEIGHTS (`lsdc weights get`), figures of these weights are among them.
 set -euo pipefail
 
 pack() {
@@ -15,6 +16,9 @@ pack() {
   local cargo=(--release --config .ci/gpu.toml --workspace --features lsdc/wgpu)
   cargo build "${cargo[@]}" --bin lsdc
   cp "${CARGO_TARGET_DIR:-target}/release/lsdc" "$target/lsdc"
+  if [[ -n "${LSDC_WEIGHTS:-}" ]]; then
+    cp -r "$LSDC_WEIGHTS" "$target/weights"
+  fi
   # Both packages have a test `gpu`; Cargo lists the programs that it built.
   log="$(cargo test "${cargo[@]}" --test gpu --no-run 2>&1 | tee /dev/stderr)"
   sed -nE 's#.*Executable .*\(([^)]*/gpu-[0-9a-f]+)\)#\1#p' <<<"$log" | while read -r program; do
@@ -44,6 +48,12 @@ run() {
   done
   step bench-small 40 "$here/lsdc" bench --device wgpu --weights small --size 304x228 --runs 100 --json
   step bench-counts 40 "$here/lsdc" bench --device wgpu --size 304x228 --runs 20
+  if [[ -d "$here/weights" ]]; then
+    export LSDC_WEIGHTS="$here/weights"
+    step bench-anything 60 "$here/lsdc" bench --device wgpu --weights anything --size 448x336 --runs 50 --json
+    step bench-anything-counts 40 "$here/lsdc" bench --device wgpu --weights anything --size 448x336 --runs 20
+    step cpu-anything 60 "$here/lsdc" bench --weights anything --size 448x336 --runs 20 --json
+  fi
   # How busy the GPU is, once a second.
   nvidia-smi dmon -s put -c 20 >"$out/utilisation.txt" 2>&1 &
   step utilisation-bench 40 "$here/lsdc" bench --device wgpu --size 304x228 --runs 500 --json

@@ -16,8 +16,8 @@ const WAITING: usize = 2;
 type Seen<'a, F, L> = Option<(&'a F, L, Loaded, Prepared)>;
 
 /// Brings frames through four stages in their order, each on a thread of its own; the network on several, which take turns,
-/// where a GPU would idle between two frames of one. `load` may find something that `write`
-/// needs. What fails in a stage is left out of those after it.
+/// where a GPU would idle between two frames of one. `load` may find something that `write` needs. What fails in a stage is
+/// left out of those after it.
 pub(super) fn run<F: Sync, L: Send>(
     frames: &[F],
     engine: &Engine<'_>,

@@ -68,6 +68,10 @@ pub(in crate::cli) fn system_candidates(
     files: &[(Option<String>, PathBuf)],
     device_name: &str,
 ) -> Result<Vec<(String, Candidate)>> {
+    // burn opens a GPU for systems alone.
+    if files.is_empty() && cfg!(feature = "gpu") && device_name.starts_with("wgpu") {
+        return Ok(Vec::new());
+    }
     let opened = systems(files, &device(device_name)?)?.into_iter();
     let candidates = opened.map(|(name, predictor)| (name, predictor.candidate(None)));
     Ok(candidates.collect())

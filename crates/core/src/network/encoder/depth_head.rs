@@ -120,13 +120,11 @@ impl<L> HeadLayers<L> {
         let mut fused: Option<M> = None;
         for fusion in self.fusions.iter().rev() {
             let map = maps.pop()?;
-            let size = match maps.last() {
-                Some(finer) => executor.size(finer),
-                None => {
-                    let (height, width) = executor.size(&map);
-                    (2 * height, 2 * width)
-                }
-            };
+            let finer = maps.last().map(|finer| executor.size(finer));
+            let size = finer.unwrap_or_else(|| {
+                let (height, width) = executor.size(&map);
+                (2 * height, 2 * width)
+            });
             let sum = fusion.forward(map, fused.take(), executor);
             fused = Some(executor.enlarged_by_corners(&sum, size));
         }
