@@ -50,8 +50,10 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 step "zig"
-python3 -m venv "$work/tools"
-export PIP_DISABLE_PIP_VERSION_CHECK=1 PATH=$work/tools/bin:$PATH
+# Kept: cargo builds all packages again where the path of the linker is another one.
+tools=$built/release-tools
+python3 -m venv "$tools"
+export PIP_DISABLE_PIP_VERSION_CHECK=1 PATH=$tools/bin:$PATH
 pip install -q -r scripts/release-tools.txt 'maturin>=1.14,<2'
 
 # newest_glibc FILE: the newest version of glibc of which the file needs a symbol.
