@@ -1,4 +1,4 @@
-//! A GPU: opened by kind, with the kernels that were compiled for it, and its transfers.
+//! A GPU: choosing and opening it, its compiled kernels, and its transfers.
 
 use crate::kernel::{Bindings, Kernel};
 use crate::memory::{Pool, Pooled};
@@ -15,15 +15,15 @@ use wgpu::{
     DeviceType, Instance, InstanceDescriptor, Limits, MapMode, PollType, SubmissionIndex,
 };
 
-/// Which GPU.
+/// Which GPU to use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Adapter {
     /// A discrete one, else an integrated one, else any other, else a software driver.
     #[default]
     Best,
-    /// The discrete one of that number, from 0 on.
+    /// The discrete GPU with this index, counted from 0.
     Discrete(usize),
-    /// The first integrated one.
+    /// The first integrated GPU.
     Integrated,
     /// A software driver on the CPU.
     Software,
@@ -32,7 +32,7 @@ pub enum Adapter {
 impl FromStr for Adapter {
     type Err = GpuError;
 
-    /// Parses the names of the command line: `wgpu` (the best), `wgpu:N` (discrete, from 0 on), `wgpu:integrated`,
+    /// Parses the names of the command line: `wgpu` (the best), `wgpu:N` (discrete, from 0), `wgpu:integrated`,
     /// `wgpu:software`.
     fn from_str(name: &str) -> Result<Self, GpuError> {
         let (kind, which) = name.split_once(':').unwrap_or((name, ""));
@@ -49,25 +49,25 @@ impl FromStr for Adapter {
     }
 }
 
-/// A GPU cannot be opened.
+/// Why a GPU cannot be opened.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
     /// No kind of GPU has this name.
     #[error("unknown device `{name}`")]
     Unknown {
-        /// What was given.
+        /// The given name.
         name: String,
     },
-    /// There is none of that kind.
+    /// There is no GPU of this kind.
     #[error("there is no GPU of this kind ({wanted:?}); found: {found}")]
     Missing {
-        /// What was asked for.
+        /// The requested kind.
         wanted: Adapter,
-        /// The names of all there are.
+        /// Names of the available GPUs.
         found: String,
     },
-    /// The driver refuses it.
+    /// The driver refused.
     #[error("the GPU `{name}` cannot be opened: {why}")]
     Refused {
         /// The name of the GPU.
@@ -102,14 +102,14 @@ struct Inner {
     kernels: Mutex<HashMap<Kernel, Arc<ComputePipeline>>>,
     pool: Pool,
     counters: Counters,
-    /// Images whose affinities have not come back, and the most there were at once.
+    /// Images whose affinities have not been read back yet, and their largest number so far.
     flights: [AtomicUsize; 2],
     /// The first error of the driver.
     failure: Arc<OnceLock<String>>,
 }
 
 impl Gpu {
-    /// The GPU of a kind, which is opened once in a process, and again if it has failed.
+    /// Returns the GPU of a kind. It is opened once per process, and reopened after a failure.
     ///
     /// # Errors
     /// As for [`Gpu::open`].
@@ -128,7 +128,7 @@ impl Gpu {
     /// Opens a GPU.
     ///
     /// # Errors
-    /// No adapter of that kind, or one that lacks what every WebGPU device has.
+    /// No adapter of this kind exists, or it does not meet the default limits of WebGPU.
     pub fn open(adapter: Adapter) -> Result<Self, GpuError> {
         let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
         let backends = wgpu::Backends::PRIMARY;
@@ -169,7 +169,7 @@ impl Gpu {
     fn of(adapter: &wgpu::Adapter) -> Result<Self, GpuError> {
         let name = adapter.get_info().name;
         let available = adapter.limits();
-        // Images much larger than those of training need larger buffers than every device has.
+        // Images much larger than those of training need buffers beyond the default limits.
         let required_limits = Limits {
             max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
             max_buffer_size: available.max_buffer_size,
@@ -191,7 +191,7 @@ impl Gpu {
         let failure = Arc::new(OnceLock::new());
         let first = failure.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            // Later ones follow from the first.
+            // Later errors follow from the first.
             let _ = first.set(error.to_string());
         }));
         let bindings = Bindings::new(&device);
@@ -208,22 +208,22 @@ impl Gpu {
         })))
     }
 
-    /// The name that the driver gives it.
+    /// Name reported by the driver.
     pub fn name(&self) -> &str {
         &self.0.name
     }
 
-    /// What was launched and transferred since it was opened, by part.
+    /// Launches and transfers since the device was opened, by part.
     pub fn traffic(&self) -> [(Part, Traffic); Part::ALL.len()] {
         self.0.counters.all()
     }
 
-    /// The most images that were submitted and not yet waited for at once, since it was opened.
+    /// Largest number of images in flight at once since the device was opened.
     pub fn most_in_flight(&self) -> usize {
         self.0.flights[1].load(Ordering::Relaxed)
     }
 
-    /// Counts an image until the result is dropped.
+    /// Counts an image as in flight until the returned value is dropped.
     pub(crate) fn in_flight(&self) -> InFlight {
         let [now, most] = &self.0.flights;
         let count = now.fetch_add(1, Ordering::Relaxed) + 1;
@@ -247,7 +247,7 @@ impl Gpu {
         self.0.counters.add(part, more);
     }
 
-    /// A compiled kernel.
+    /// Returns a compiled kernel.
     pub(crate) fn kernel(&self, kernel: &Kernel) -> Arc<ComputePipeline> {
         let kernels = &self.0.kernels;
         let mut kernels = kernels.lock().unwrap_or_else(PoisonError::into_inner);
@@ -257,7 +257,7 @@ impl Gpu {
         compiled.clone()
     }
 
-    /// Writes values to a buffer, before whatever is submitted next.
+    /// Writes values to a buffer, before the next submission.
     pub(crate) fn upload(&self, part: Part, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {
         self.0.queue.write_buffer(buffer, offset, bytes);
         let more = Traffic {
@@ -286,13 +286,13 @@ impl Gpu {
         self.0.queue.submit([encoder.finish()])
     }
 
-    /// A buffer that values come back in.
+    /// Returns a staging buffer for a read-back.
     pub(crate) fn staging(&self, bytes: u64) -> Pooled {
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         self.0.pool.take(&self.0.device, bytes, usage)
     }
 
-    /// Waits for values. Where the driver has failed, they are NaN, which is an error of fits and maps.
+    /// Waits for values. If the driver has failed they are NaN, which fits and maps report as an error.
     pub(crate) fn wait(&self, part: Part, pending: Pending) -> Vec<f32> {
         let waited = self.0.device.poll(PollType::Wait {
             submission_index: Some(pending.after.clone()),
@@ -316,10 +316,10 @@ impl Gpu {
         }
     }
 
-    /// Whether everything that was submitted so far could be.
+    /// Checks that everything submitted so far has succeeded.
     ///
     /// # Errors
-    /// The first failure of the driver, for example a device that was lost.
+    /// The first failure of the driver, for example a lost device.
     pub(crate) fn check(&self) -> Result<(), SettingsError> {
         let Some(failure) = self.0.failure.get() else {
             return Ok(());
@@ -329,7 +329,7 @@ impl Gpu {
     }
 }
 
-/// An image that is being computed.
+/// An image in flight.
 #[derive(Debug)]
 pub(crate) struct InFlight(Gpu);
 
@@ -339,7 +339,7 @@ impl Drop for InFlight {
     }
 }
 
-/// Values that are on their way from the GPU.
+/// A pending read-back.
 #[derive(Debug)]
 pub(crate) struct Pending {
     staging: Pooled,
@@ -349,7 +349,7 @@ pub(crate) struct Pending {
 }
 
 impl Pending {
-    /// Asks for what a submission writes to the first `count` floats of a staging buffer.
+    /// Requests the first `count` floats of a staging buffer, after a submission has written them.
     pub(crate) fn new(staging: Pooled, count: usize, after: SubmissionIndex) -> Self {
         let mapped = Arc::new(AtomicBool::new(false));
         let done = mapped.clone();
@@ -368,12 +368,12 @@ impl Pending {
 
 impl Drop for Pending {
     fn drop(&mut self) {
-        // Even if nobody waited: the buffer is used again.
+        // Also without a wait, because the buffer is reused.
         self.staging.unmap();
     }
 }
 
-/// The outcome of a future that is complete when it is made, as those of native drivers are.
+/// Returns the value of a future that is complete at once, as those of native drivers are.
 fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),

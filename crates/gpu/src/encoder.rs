@@ -1,4 +1,4 @@
-//! A vision transformer, whose tokens are the pixels of a map of one row, and its depth head.
+//! A vision transformer, its tokens stored as the pixels of a one-row map, and its depth head.
 
 use crate::kernel::{Activation, MOST_HEAD};
 use crate::plan::{Map, Place, Recorder};
@@ -17,13 +17,13 @@ use std::collections::BTreeMap;
 pub struct Pretrained<'a> {
     /// Its sizes.
     pub config: EncoderConfig,
-    /// The tensors of the encoder, by the names that `DINOv2` gives them.
+    /// Tensors of the encoder, by their names in `DINOv2`.
     pub encoder: &'a BTreeMap<String, Tensor>,
-    /// Those of its depth head, by their published names, if the head is to guide scenes.
+    /// Tensors of its depth head, by their published names, if the head guides scenes.
     pub head: Option<&'a BTreeMap<String, Tensor>>,
 }
 
-/// An encoder whose weights lie in the buffer of all.
+/// An encoder with its weights in the shared buffer.
 #[derive(Debug)]
 pub(crate) struct GpuEncoder {
     pub(crate) config: EncoderConfig,
@@ -38,17 +38,17 @@ pub(crate) struct GpuEncoder {
 #[derive(Debug)]
 struct Block {
     norms: [u32; 2],
-    /// Queries, keys and values; the projection of all heads; both layers of the perceptron.
+    /// Queries, keys and values; output projection; both layers of the MLP.
     layers: [GpuLayer; 4],
 }
 
-/// What the launches of an encoder read and write.
+/// Inputs and outputs of the launches of an encoder.
 pub(crate) struct Encoded {
-    /// The features of all taps side by side, `[rows, columns, channels]`.
+    /// Features of all taps, concatenated: `[rows, columns, channels]`.
     pub(crate) features: Map,
-    /// What is uploaded once: the class token at its position, and the positions of the patches.
+    /// Uploaded once: the class token with its position embedding, and the position embeddings of the patches.
     pub(crate) kept: [Map; 2],
-    /// The tokens after each tap, and rows and columns of patches.
+    /// Tokens after each tap, and rows and columns of patches.
     taps: Vec<Map>,
     size: (usize, usize),
 }
@@ -57,7 +57,7 @@ impl GpuEncoder {
     /// Packs the weights.
     ///
     /// # Errors
-    /// Tensors that do not match the sizes, and sizes that are no whole quads.
+    /// Tensors do not match the sizes, or sizes are not multiples of 4.
     pub(crate) fn new(pretrained: &Pretrained<'_>, packer: &Packer) -> Result<Self, Error> {
         let config = pretrained.config.clone();
         let weights = EncoderWeights::new(&config, pretrained.encoder)?;
@@ -108,7 +108,7 @@ impl GpuEncoder {
         self.head.is_some()
     }
 
-    /// What [`Encoded::kept`] holds for some rows and columns of patches.
+    /// Returns [`Encoded::kept`] for these rows and columns of patches.
     pub(crate) fn kept(&self, size: (usize, usize)) -> [Vec<f32>; 2] {
         let EncoderConfig { width, side, .. } = self.config;
         let mut class = positions(&self.positions, side, width, size);
@@ -124,7 +124,7 @@ impl GpuEncoder {
         let size = (place.height / PATCH, place.width / PATCH);
         let (patches, width) = (size.0 * size.1, quads(self.config.width));
         let positions = recorder.map(size, width);
-        // Its first token stays, the others are written for each image.
+        // The class token stays; the other tokens are written for each image.
         let first = recorder.map((1, 1 + patches), width);
         let embedded = first.place().after(1, size);
         recorder.layer_into(&self.patch_embedding, image, embedded, positions.place());
@@ -155,7 +155,7 @@ impl GpuEncoder {
         }
     }
 
-    /// Records the relative inverse depth that the depth head predicts, four pixels in a quad; nothing without a head.
+    /// Records the relative inverse depth predicted by the depth head, four pixels to a vec4; nothing without a head.
     pub(crate) fn record_head(&self, encoded: &Encoded, recorder: &Recorder) -> Option<Map> {
         let (layers, last) = self.head.as_ref()?;
         let size = encoded.size;

@@ -1,4 +1,4 @@
-//! The MLP: its weights in the buffer of all, and its launches, each with one transfer there and one back.
+//! The MLP: its weights in the shared buffer, and its launches, each with one upload and one read-back.
 
 use crate::device::{Gpu, Pending};
 use crate::kernel::{HeadKernel, Kernel, PARAMETERS};
@@ -12,36 +12,36 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use wgpu::{Buffer, BufferDescriptor, BufferUsages};
 
-/// The most hidden layers whose sizes fit in the parameters of a launch.
+/// Limit of hidden layers: their sizes must fit in the parameters of a launch.
 pub(crate) const MOST_LAYERS: usize = PARAMETERS / 16 - 4;
-/// The widest hidden layer of which one place fits in the memory of a group.
+/// Limit of the width of a hidden layer: one position must fit in workgroup memory.
 pub(crate) const MOST_WIDTH: usize = 2048;
-/// Places of one launch.
+/// Positions per launch.
 const PLACES: usize = 1 << 15;
-/// Grids that are kept.
+/// Number of cached grids.
 const GRIDS: usize = 2;
 
 /// The MLP.
 #[derive(Debug)]
 pub(crate) struct Head {
-    /// The first layer on the features, which commutes with their enlargement.
+    /// The first layer for the features; it commutes with their upsampling.
     pub(crate) input: GpuLayer,
     first: LinearWeights,
     last: LinearWeights,
     features: usize,
     octaves: usize,
     kernel: HeadKernel,
-    /// Of codes, bias, last layer and first function.
+    /// Offsets of the codes, bias, last layer and first basis function.
     offsets: [u32; 4],
     layers: Vec<[u32; 4]>,
-    /// The first layer on the codes of all rows and columns of images of the last few sizes.
+    /// Outputs of the first layer for the positional codes of all rows and columns, for the last few image sizes.
     grids: Mutex<VecDeque<Grid>>,
 }
 
-/// The first layer on the codes of all positions of images of one size (height, width).
+/// Outputs of the first layer for the positional codes of images of one size (height, width).
 type Grid = ((usize, usize), Arc<Buffer>);
 
-/// The features of an image behind the first layer, with the logarithm of the first function behind them.
+/// Outputs of the first layer for the features of an image, followed by the logarithm of the first basis function.
 #[derive(Debug)]
 pub(crate) struct Features {
     pub(crate) buffer: Pooled,
@@ -49,7 +49,7 @@ pub(crate) struct Features {
 }
 
 impl Head {
-    /// Packs the weights; nothing without hidden layers.
+    /// Packs the weights; `None` without hidden layers.
     pub(crate) fn new(weights: HeadWeights, packer: &Packer) -> Option<Self> {
         let HeadWeights {
             hidden,
@@ -83,7 +83,7 @@ impl Head {
             FirstFunction::Hidden(weights) => weights.clone(),
             _ => vec![0.0; last.rows()],
         };
-        // The logarithm of the first function is the first column.
+        // The first column is the logarithm of the first basis function.
         let rows = mean.iter().zip(last.values.chunks_exact(last.columns));
         let rows = rows.flat_map(|(first, row)| std::iter::once(first).chain(row));
         let rows: Vec<f32> = rows.copied().collect();
@@ -111,7 +111,7 @@ impl Head {
         })
     }
 
-    /// Functions with the first one.
+    /// Number of basis functions, including the first one.
     fn functions(&self) -> usize {
         self.last.columns + 1
     }
@@ -145,7 +145,7 @@ impl Head {
         values
     }
 
-    /// Functions x weights at every pixel of an image of `size` (height, width).
+    /// Basis functions times weights at every pixel of an image of `size` (height, width).
     pub(crate) fn combine(
         &self,
         gpu: &Gpu,
@@ -204,7 +204,7 @@ impl Head {
             .collect()
     }
 
-    /// Of each place: row and column on the features, then the codes of its column and of its row.
+    /// For each position: row and column in the features, then the indices of the codes of its column and row.
     fn coded_places(&self, map: Place, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         let of_axis = |axis: usize, length: usize| {
             let places = places.iter().map(|place| place[axis]);
@@ -227,7 +227,7 @@ impl Head {
         input
     }
 
-    /// The first layer on the codes of all rows, then on those of all columns, with its bias.
+    /// Outputs of the first layer for the codes of all rows, then of all columns, with its bias.
     fn grid(&self, gpu: &Gpu, size: (usize, usize)) -> Arc<Buffer> {
         let mut grids = self.grids.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, grid)) = grids.iter().find(|(known, _)| *known == size) {
@@ -263,7 +263,7 @@ impl Head {
         grid
     }
 
-    /// Frees what is kept for further images.
+    /// Frees everything cached for further images.
     pub(crate) fn clear(&self) {
         self.grids
             .lock()
@@ -272,7 +272,7 @@ impl Head {
     }
 }
 
-/// Runs the MLP on some places, which yields some values.
+/// Runs the MLP at some positions.
 fn launch(
     gpu: &Gpu,
     (part, kernel): (Part, HeadKernel),

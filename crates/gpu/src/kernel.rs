@@ -1,4 +1,4 @@
-//! The kernels, and what they are compiled for.
+//! The kernels and their compile-time constants.
 
 use lsdc_core::network::{
     CONTRAST, FirstFunction, LAYER_EPSILON, LEAST_AFFINITY, MAX_LOG_DEPTH, MAX_LOG_FACTOR,
@@ -10,18 +10,18 @@ use wgpu::{
     PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages,
 };
 
-/// Units of a group.
+/// Invocations per workgroup.
 pub(crate) const UNITS: usize = 128;
-/// Groups along an axis of a launch: what every WebGPU device offers.
+/// Largest number of workgroups along an axis: the default limit of WebGPU.
 pub(crate) const MOST_GROUPS: usize = 65_535;
-/// Bytes of the parameters of a launch, which begin at multiples of it.
+/// Size and alignment of the parameters of a launch, in bytes.
 pub(crate) const PARAMETERS: usize = 256;
-/// The most maps that averages are made of, or that are concatenated, in one launch.
+/// Largest number of maps that one launch averages or concatenates.
 pub(crate) const PARTS: usize = 12;
-/// Bytes that a group shares: what every WebGPU device offers.
+/// Bytes of workgroup memory: the default limit of WebGPU.
 const SHARED_BYTES: usize = 16_384;
 
-/// What the left matrix of a convolution is.
+/// The left matrix of a convolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Source {
     Convolved,
@@ -30,7 +30,7 @@ pub(crate) enum Source {
     Normalised,
 }
 
-/// What follows a product.
+/// The operation after a product.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Activation {
     None,
@@ -38,7 +38,7 @@ pub(crate) enum Activation {
     Gelu,
 }
 
-/// In which other form a map is read.
+/// How a map is rearranged when read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Form {
     Corners,
@@ -48,22 +48,22 @@ pub(crate) enum Form {
     Packed,
 }
 
-/// Queries that a group of units attends for.
+/// Queries per workgroup in attention.
 pub(crate) const QUERIES: usize = UNITS / 4;
-/// The most quads of a head of attention: their keys and values fit in the memory of a group.
+/// Largest size of an attention head, in vec4: keys and values must fit in workgroup memory.
 pub(crate) const MOST_HEAD: usize = 24;
 
-/// How a convolution is divided among groups and units.
+/// The division of a convolution among workgroups and invocations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Tile {
-    /// Quads of outputs of a group.
+    /// Outputs of a workgroup, in vec4.
     pub(crate) quads: usize,
-    /// Pixels of a unit.
+    /// Pixels per invocation.
     pub(crate) rows: usize,
 }
 
 impl Tile {
-    /// Groups that occupy a large GPU: two for each of its processors.
+    /// Workgroups that occupy a large GPU: two for each of its multiprocessors.
     const ENOUGH: usize = 256;
 
     /// The largest tiles that still occupy a large GPU.
@@ -72,7 +72,7 @@ impl Tile {
         let rows = [8, 4, 2].into_iter().find(|&rows| {
             let tile = Self { quads: own, rows };
             let [x, y] = tile.groups(pixels, quads);
-            // More would not fit in what a group shares.
+            // More would not fit in workgroup memory.
             x * y >= Self::ENOUGH && tile.pixels() <= 128
         });
         Self {
@@ -81,32 +81,32 @@ impl Tile {
         }
     }
 
-    /// Pixels of a group.
+    /// Pixels per workgroup.
     fn pixels(self) -> usize {
         UNITS / self.quads * self.rows
     }
 
-    /// Groups along pixels and outputs.
+    /// Workgroups along pixels and outputs.
     pub(crate) fn groups(self, pixels: usize, quads: usize) -> [usize; 2] {
         [pixels.div_ceil(self.pixels()), quads.div_ceil(self.quads)]
     }
 }
 
-/// What the MLP computes.
+/// The variant of the MLP kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct HeadKernel {
-    /// Quads of the widest hidden layer.
+    /// Width of the widest hidden layer, in vec4.
     pub(crate) width: usize,
-    /// Hidden layers after the first.
+    /// Number of hidden layers after the first.
     pub(crate) layers: usize,
-    /// 0: the constant 1; 1: from the last hidden layer; 2: from the extractor.
+    /// The first basis function: 0: constant 1; 1: from the last hidden layer; 2: from the extractor.
     pub(crate) first: u8,
-    /// The sum with weights instead of the functions.
+    /// Whether it returns the weighted sum instead of the basis functions.
     pub(crate) sum: bool,
 }
 
 impl HeadKernel {
-    /// The number of a first function.
+    /// The code of a kind of first basis function.
     pub(crate) fn first(function: &FirstFunction) -> u8 {
         match function {
             FirstFunction::Constant => 0,
@@ -115,7 +115,7 @@ impl HeadKernel {
         }
     }
 
-    /// Places of a group: as many as its memory holds twice, at most 16.
+    /// Positions per workgroup: as many as its memory holds twice, at most 16.
     pub(crate) fn places(self) -> usize {
         let most = SHARED_BYTES / (2 * 16 * self.width.max(4));
         let most = most.clamp(1, 16);
@@ -127,9 +127,9 @@ impl HeadKernel {
 /// A kernel with its constants.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Kernel {
-    /// With whether the weights are in f16.
+    /// Argument: whether the weights are in f16.
     Convolution(Source, Tile, bool),
-    /// With the quads of a head.
+    /// Argument: size of a head in vec4.
     Attention(usize),
     Features,
     Resampled(Form),
@@ -140,7 +140,7 @@ pub(crate) enum Kernel {
 }
 
 impl Kernel {
-    /// The text in WGSL.
+    /// The WGSL source.
     fn source(&self) -> String {
         let (constants, text) = match *self {
             Self::Convolution(source, tile, half) => {
@@ -223,7 +223,7 @@ impl Kernel {
             module: &module,
             entry_point: None,
             compilation_options: PipelineCompilationOptions {
-                // Kernels write before they read.
+                // Kernels write workgroup memory before they read it.
                 zero_initialize_workgroup_memory: false,
                 ..PipelineCompilationOptions::default()
             },
@@ -232,14 +232,14 @@ impl Kernel {
     }
 }
 
-/// The buffers that kernels are bound to.
+/// The buffers bound to kernels.
 #[derive(Debug)]
 pub(crate) struct Bindings {
     layers: (BindGroupLayout, PipelineLayout),
     head: (BindGroupLayout, PipelineLayout),
 }
 
-/// The binding of the parameters, of which a launch reads its own.
+/// The binding of the parameters, with a dynamic offset for each launch.
 const UNIFORM: u32 = 2;
 
 impl Bindings {

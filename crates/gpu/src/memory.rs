@@ -1,4 +1,4 @@
-//! Buffers that are used again.
+//! A pool of buffers.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,13 +8,13 @@ use wgpu::{Buffer, BufferDescriptor, BufferUsages, Device};
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pool(Arc<Mutex<Vec<Buffer>>>);
 
-/// The most free buffers: as many as some scenes use at once.
+/// Limit of free buffers: as many as a few scenes use at once.
 const CAPACITY: usize = 16;
 
 impl Pool {
-    /// A buffer of any contents for at least as many bytes.
+    /// Returns a buffer of at least this size, with arbitrary contents.
     pub(crate) fn take(&self, device: &Device, bytes: u64, usage: BufferUsages) -> Pooled {
-        // Of few sizes, or points that vary in number would need a new buffer each time.
+        // Sizes are rounded up, so that varying numbers of points reuse buffers.
         let size = bytes.max(256).next_power_of_two();
         let found = {
             let mut free = self.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -15,10 +15,10 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{Buffer, BufferDescriptor, BufferUsages};
 
-/// Sizes of images whose launches are kept.
+/// Number of image sizes whose launches are cached.
 const PLANS: usize = 2;
 
-/// A network whose weights are on a GPU. Clones share it.
+/// A network with its weights on a GPU. Clones share it.
 #[derive(Clone, Debug)]
 pub struct GpuNetwork(Arc<Inner>);
 
@@ -35,7 +35,7 @@ struct Inner {
 /// Whether a network can be run by [`GpuNetwork`], on its encoder if it was trained on one.
 pub fn supports(config: &NetworkConfig) -> bool {
     let extractor = &config.extractor;
-    // They are concatenated by quads of channels.
+    // They are concatenated as vec4 of channels.
     let [_, second, _, fourth] = &extractor.stages;
     let mut merged = vec![second.width, fourth.width, extractor.encoder];
     merged.extend((!extractor.pools.is_empty()).then_some(extractor.branch));
@@ -108,7 +108,7 @@ impl GpuNetwork {
         })))
     }
 
-    /// The GPU that it is on.
+    /// The GPU that runs it.
     pub fn gpu(&self) -> &Gpu {
         &self.0.gpu
     }
@@ -125,23 +125,23 @@ impl GpuNetwork {
     }
 }
 
-/// The launches for images of one size (height, width): affinities first, which the fit needs first.
+/// The launches for images of one size (height, width), affinities first because the fit needs them first.
 #[derive(Debug)]
 struct Plan {
     size: (usize, usize),
     launches: Launches,
-    /// How many of the launches are for the affinities.
+    /// Number of launches for the affinities.
     first: usize,
     image: Place,
-    /// The image that the encoder reads, in whole patches.
+    /// The image for the encoder, in whole patches.
     patches: Option<Place>,
     affinities: Place,
-    /// The first layer of the MLP on the features.
+    /// Output of the first layer of the MLP for the features.
     features: Place,
     logarithm: Option<Place>,
-    /// What the depth head predicts, four pixels in a quad, after that many launches.
+    /// The prediction of the depth head, four pixels to a vec4, and the number of launches up to it.
     depths: Option<(Place, usize)>,
-    /// One image at a time is in the buffer.
+    /// Held while an image uses the buffer.
     submitting: Mutex<()>,
 }
 
@@ -190,7 +190,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Submits everything for an image.
+    /// Submits all work for an image.
     fn run(&self, gpu: &Gpu, image: &[f32]) -> Result<Submitted, Error> {
         let patches = match self.patches {
             None => None,
@@ -208,7 +208,7 @@ impl Plan {
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
         let upload = |place: Place, image: &[f32]| {
-            // Pixels of three colours and a zero.
+            // Pixels with three colours and a zero.
             let pixels = image.as_chunks::<3>().0.iter();
             let quads: Vec<[f32; 4]> = pixels.map(|&[r, g, b]| [r, g, b, 0.0]).collect();
             let (offset, _) = place.bytes();
@@ -259,7 +259,7 @@ impl Plan {
     }
 }
 
-/// An image that is being computed.
+/// An image in flight.
 struct Submitted {
     affinities: (Pending, InFlight),
     depths: Option<Pending>,
@@ -300,7 +300,7 @@ impl Network for GpuNetwork {
     }
 }
 
-/// An image whose features and affinities are being computed.
+/// An image whose features and affinities are in flight.
 #[derive(Debug)]
 struct GpuForward {
     network: GpuNetwork,
@@ -308,9 +308,9 @@ struct GpuForward {
     features: Arc<Features>,
     pending: Mutex<Option<(Pending, InFlight)>>,
     affinities: OnceLock<Vec<f32>>,
-    /// What the depth head predicts, until it is read.
+    /// The pending prediction of the depth head.
     depths: Mutex<Option<Pending>>,
-    /// The image that the encoder read.
+    /// The image that the encoder saw.
     patches: Option<Place>,
 }
 

@@ -1,4 +1,5 @@
-//! The launches of a network for one size of images, and where its maps lie in their buffer.
+//! The launches of a network for one image size, and the placement of its maps in their buffer.
+//! A quad is a `vec4<f32>`: four channels of a pixel.
 
 use crate::device::Gpu;
 use crate::kernel::{
@@ -14,16 +15,16 @@ use std::rc::Rc;
 use std::sync::Arc;
 use wgpu::{BindGroup, Buffer, BufferDescriptor, BufferUsages, CommandEncoder, ComputePipeline};
 
-/// Quads of a buffer that are in use, and how many were at most.
+/// Used regions of a buffer in vec4, and its largest extent so far.
 #[derive(Debug, Default)]
 struct Arena {
-    /// From the start of each region to its end.
+    /// The end of each region by its start.
     used: BTreeMap<usize, usize>,
     most: usize,
 }
 
 impl Arena {
-    /// The start of the first gap of some length.
+    /// Reserves the first gap of this length, and returns its start.
     fn take(&mut self, length: usize) -> usize {
         let mut start = 0;
         for (&next, &end) in &self.used {
@@ -54,14 +55,14 @@ impl Drop for Region {
     }
 }
 
-/// Where a map lies.
+/// The placement of a map.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
-    /// In quads.
+    /// In vec4.
     pub(crate) offset: usize,
     pub(crate) height: usize,
     pub(crate) width: usize,
-    /// Of each pixel.
+    /// Per pixel.
     pub(crate) quads: usize,
 }
 
@@ -70,7 +71,7 @@ impl Place {
         self.height * self.width
     }
 
-    /// The same place without its first pixels, as a map of another size.
+    /// The same region without its first pixels, as a map of another size.
     pub(crate) fn after(self, pixels: usize, (height, width): (usize, usize)) -> Self {
         Self {
             offset: self.offset + pixels * self.quads,
@@ -80,7 +81,7 @@ impl Place {
         }
     }
 
-    /// Bytes from the start of the buffer, and of the map.
+    /// Offset and size in bytes.
     pub(crate) fn bytes(self) -> (u64, u64) {
         let quads = self.pixels() * self.quads;
         (16 * self.offset as u64, 16 * quads as u64)
@@ -112,11 +113,11 @@ pub(crate) struct Recorder {
     steps: RefCell<Vec<Step>>,
 }
 
-/// What is added to the output of a convolution.
+/// The parameters of a convolution to whose output no map is added.
 const NOTHING: [u32; 4] = [NONE, 1, 1, 0];
 
 impl Recorder {
-    /// A map that nothing is written to yet.
+    /// Returns an unwritten map.
     pub(crate) fn map(&self, (height, width): (usize, usize), quads: usize) -> Map {
         let offset = self.arena.borrow_mut().take(height * width * quads);
         let place = Place {
@@ -131,7 +132,7 @@ impl Recorder {
         }))
     }
 
-    /// The affinities of an image, given their changes, two pixels in a quad.
+    /// Records the affinities of an image, given their changes, two pixels to a vec4.
     pub(crate) fn affinities(&self, image: &Map, changes: Option<&Map>) -> Map {
         let image = image.place();
         let output = self.map((1, image.pixels().div_ceil(2)), 1);
@@ -148,12 +149,13 @@ impl Recorder {
         output
     }
 
-    /// How many launches were recorded.
+    /// Number of recorded launches.
     pub(crate) fn launches(&self) -> usize {
         self.steps.borrow().len()
     }
 
-    /// The product of tokens, normalised first if `norm` is where gain and shift are, and what follows a layer.
+    /// Records the product of tokens with a layer and the operation after it. With `norm`, the location of gain and shift,
+    /// tokens are normalised first.
     pub(crate) fn token_layer(
         &self,
         layer: &GpuLayer,
@@ -178,14 +180,14 @@ impl Recorder {
         output
     }
 
-    /// A layer whose output is part of another map, plus `skip`.
+    /// Records a layer whose output is part of another map, plus `skip`.
     pub(crate) fn layer_into(&self, layer: &GpuLayer, x: &Map, output: Place, skip: Place) {
         let tail = (Some(skip), Activation::None);
         let places = [x.place(), output];
         self.product(Source::Convolved, [layer, layer], places, None, tail);
     }
 
-    /// Attention, given queries, keys and values of all tokens, with heads of some quads.
+    /// Records attention, given queries, keys and values of all tokens, with heads of this size in vec4.
     pub(crate) fn attention(&self, rows: &Map, head: usize) -> Map {
         let place = rows.place();
         let output = self.map((place.height, place.width), place.quads / 3);
@@ -219,7 +221,7 @@ impl Recorder {
         output
     }
 
-    /// A map in another form.
+    /// Records the rearrangement of a map.
     fn resampled(&self, form: Form, x: &Map, output: &Map, other: u32) {
         let place = output.place();
         self.launch(
@@ -229,7 +231,7 @@ impl Recorder {
         );
     }
 
-    /// The first channel of a map, four pixels in a quad.
+    /// Records the first channel of a map, four pixels to a vec4.
     pub(crate) fn packed(&self, x: &Map) -> Map {
         let output = self.map((1, x.place().pixels().div_ceil(4)), 1);
         self.resampled(Form::Packed, x, &output, 0);
@@ -292,7 +294,7 @@ impl Recorder {
     }
 }
 
-/// Groups in two directions, for kernels that number them through.
+/// Workgroups along two axes, for kernels that count them linearly.
 pub(crate) fn spread(groups: usize) -> [usize; 3] {
     let x = groups.clamp(1, MOST_GROUPS);
     [x, groups.div_ceil(x), 1]
@@ -432,7 +434,7 @@ impl Recorder {
     }
 }
 
-/// Launches that are ready to be submitted, in order, and the buffer of their maps.
+/// Launches ready for submission, in order, and the buffer of their maps.
 #[derive(Debug)]
 pub(crate) struct Launches {
     steps: Vec<(Arc<ComputePipeline>, [u32; 3])>,
@@ -441,10 +443,10 @@ pub(crate) struct Launches {
 }
 
 impl Launches {
-    /// Prepares everything that was recorded.
+    /// Prepares the recorded launches.
     ///
     /// # Errors
-    /// Maps that do not fit in a buffer of the GPU, or more pixels than it launches.
+    /// The maps do not fit in a buffer of the GPU, or there are more pixels than it can launch.
     pub(crate) fn new(
         gpu: &Gpu,
         recorder: Recorder,
@@ -491,7 +493,7 @@ impl Launches {
         })
     }
 
-    /// Encodes some of the launches, and returns how many they are.
+    /// Encodes some of the launches, and returns their number.
     pub(crate) fn encode(
         &self,
         encoder: &mut CommandEncoder,

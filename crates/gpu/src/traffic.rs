@@ -1,4 +1,4 @@
-//! What a GPU was asked for.
+//! Counters of launches and transfers.
 
 use serde::Serialize;
 use std::ops::Sub;
@@ -7,13 +7,13 @@ use std::sync::{Mutex, PoisonError};
 /// A part of a completion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// Preparations that are kept: weights, and what depends on the size of images alone.
+    /// Cached preparations: weights, and what depends only on the image size.
     Preparation,
     /// From an image to features and affinities.
     Network,
     /// Basis functions at the points.
     Functions,
-    /// Basis functions x weights at every pixel.
+    /// Basis functions times weights at every pixel.
     Map,
 }
 
@@ -65,7 +65,7 @@ impl Traffic {
 impl Sub for Traffic {
     type Output = Self;
 
-    /// What was added since an earlier count.
+    /// The difference to an earlier count.
     fn sub(self, earlier: Self) -> Self {
         self.each(earlier, u64::wrapping_sub)
     }

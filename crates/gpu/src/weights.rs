@@ -5,26 +5,26 @@ use lsdc_core::network::{NormWeights, Prepare, TokenLayer};
 use lsdc_kernels::conv::ConvSpec;
 use std::cell::RefCell;
 
-/// Where there is no bias or map.
+/// The offset that stands for no bias or no map.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// A convolution, whose weights lie in the buffer of all.
+/// A convolution with its weights in the shared buffer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GpuLayer {
     pub(crate) outputs: usize,
     pub(crate) taps: usize,
     pub(crate) spec: ConvSpec,
-    /// In quads.
+    /// In vec4.
     pub(crate) weights: u32,
-    /// In quads, or [`NONE`].
+    /// In vec4, or [`NONE`].
     pub(crate) bias: u32,
     /// Whether the weights are in f16, which is exact.
     pub(crate) half: bool,
-    /// What the outputs are multiplied by, in quads, or [`NONE`].
+    /// Factors of the outputs, in vec4, or [`NONE`].
     pub(crate) scale: u32,
 }
 
-/// Quads of four values for as many values.
+/// Number of vec4 for this number of values.
 pub(crate) fn quads(values: usize) -> usize {
     values.div_ceil(4)
 }
@@ -34,7 +34,7 @@ pub(crate) fn quads(values: usize) -> usize {
 pub(crate) struct Packer(RefCell<Vec<f32>>);
 
 impl Packer {
-    /// Appends rows of `columns` values each, filled up to whole quads with zeros, and `padding` rows of zeros.
+    /// Appends rows of `columns` values each, padded with zeros to whole vec4, and `padding` rows of zeros.
     pub(crate) fn rows(&self, values: &[f32], columns: usize, padding: usize) -> u32 {
         let mut all = self.0.borrow_mut();
         let first = all.len() / 4;
@@ -48,13 +48,13 @@ impl Packer {
         first as u32
     }
 
-    /// A layer of tokens; its weights are stored in f16 if that changes none of them, as of the published encoder.
+    /// Packs a layer of the transformer. Its weights are stored in f16 if that is exact, as for the published encoder.
     pub(crate) fn token_layer(&self, layer: &TokenLayer<'_>) -> GpuLayer {
         let (inputs, outputs) = (layer.depth(), layer.bias.len());
         self.product(layer.weights, [outputs, inputs], layer.bias, layer.scale)
     }
 
-    /// A product with weights `[outputs, inputs]`, both whole quads.
+    /// Packs weights `[outputs, inputs]`, both multiples of 4.
     pub(crate) fn product(
         &self,
         weights: &[f32],
@@ -90,7 +90,7 @@ impl Packer {
         }
     }
 
-    /// Gain and shift of a normalisation, one after the other.
+    /// Packs gain, then shift of a normalisation.
     pub(crate) fn norm(&self, (gain, shift): NormWeights<'_>) -> u32 {
         let first = self.rows(gain, gain.len(), 0);
         self.rows(shift, shift.len(), 0);
@@ -113,7 +113,7 @@ impl Prepare for &Packer {
         spec: ConvSpec,
     ) -> GpuLayer {
         let area = taps * taps;
-        // For each tap and channel, the outputs; channels are filled up to whole quads.
+        // For each tap and channel, the outputs; channels are padded to whole vec4.
         let padded = channels.next_multiple_of(4);
         let mut rows = Vec::with_capacity(area * padded * outputs);
         for tap in 0..area {
@@ -127,7 +127,7 @@ impl Prepare for &Packer {
             rows.resize(rows.len() + (padded - channels) * outputs, 0.0);
         }
         let first = self.rows(&rows, outputs, 0);
-        // That of a depthwise convolution follows its weights, even if it is 0.
+        // The bias of a depthwise convolution follows its weights, even if it is 0.
         let bias = match bias {
             [] if spec.depthwise => self.rows(&[], outputs, 1),
             [] => NONE,
