@@ -297,10 +297,6 @@ pub(crate) fn of_rooms(inputs: &[Input], completer: impl Fn(&str) -> Completer) 
     results
 }
 
-/// Fits of the logarithm were removed after 0.2.0. Their results stay in the file, whose hash identifies numerics that did
-/// not change.
-const REMOVED: [&str; 2] = ["default/random/log", "small/random/log"];
-
 /// The golden values in the bytes of their file.
 pub(crate) fn read(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     let tensors = SafeTensors::deserialize(bytes).unwrap().tensors();
@@ -311,10 +307,9 @@ pub(crate) fn read(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
             .map(|bytes| f32::from_le_bytes(*bytes))
             .collect()
     };
-    let kept = tensors
-        .iter()
-        .filter(|(name, _)| !REMOVED.contains(&name.as_str()));
-    kept.map(|(name, view)| (name.clone(), values(view)))
+    let named = tensors.iter();
+    named
+        .map(|(name, view)| (name.clone(), values(view)))
         .collect()
 }
 
