@@ -13,7 +13,7 @@ use lsdc_train::training::TrainConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What configuration files say of training, in a build that cannot train.
+/// The training section of configuration files, in a build that cannot train.
 #[cfg(not(feature = "train"))]
 mod unused {
     use super::{Deserialize, Serialize};
@@ -37,7 +37,7 @@ pub enum Preset {
     Medium,
     /// A slimmer extractor with sharpened features, and a network that judges edges: 1.3 M.
     Sharp,
-    /// The same at half the widths, with half as many basis functions: 0.3 M.
+    /// `sharp` with half the widths and half as many basis functions: 0.3 M parameters.
     Small,
     /// `sharp` that sees more of the image, with a first function that is a map of depth: 3.3 M.
     Taught,

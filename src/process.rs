@@ -1,4 +1,4 @@
-//! What a process that trains should set up before anything else, and one that completes a single image.
+//! Memory settings of the process: for training, and for the completion of a single image.
 
 /// Prepares the process for training; completing depth needs nothing of this.
 ///

@@ -96,7 +96,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         seconds: started.elapsed().as_secs_f64(),
         ..history::changed(by, args.model.weights.as_deref(), &weights)?
     };
-    // What calibrating takes from the settings of a training.
+    // The training settings that calibration uses.
     made.settings["seed"] = json!(config.seed);
     made.settings["held_out"] = json!(config.held_out);
     made.settings["scenes"] = json!(config.scenes);

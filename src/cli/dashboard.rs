@@ -18,7 +18,7 @@ pub(super) struct Dashboard {
 }
 
 impl Dashboard {
-    /// Of a run of so many steps.
+    /// Creates the dashboard of a run with this number of steps.
     pub(super) fn new(steps: usize) -> Self {
         Self {
             bar: ui::bar(steps, "steps"),

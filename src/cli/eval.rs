@@ -313,7 +313,7 @@ impl Outputs {
         })
     }
 
-    /// All of them in one folder.
+    /// All reports in one folder.
     pub(super) fn folder(folder: &Path) -> Self {
         let path = |name: &str| Some(folder.join(name));
         Self {

@@ -1,11 +1,11 @@
-//! How the program ends.
+//! Exit codes.
 
 use lsdc_files::error::{Cause, Error};
 
-/// How the program ends.
+/// Exit code of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Exit {
-    /// All done.
+    /// Success.
     Done = 0,
     /// Something failed that the user's input did not cause.
     Failed = 1,

@@ -127,7 +127,7 @@ fn system_recipes(shared: &TrainConfig) -> Result<Vec<SystemRecipe>> {
     Ok(recipes)
 }
 
-/// How long a part is tried before the time for all is announced.
+/// Duration of the trial from which the total time is estimated.
 const TRIAL: Duration = Duration::from_secs(1);
 
 fn context(args: &Experiments) -> Result<ExperimentContext> {

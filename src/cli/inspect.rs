@@ -15,7 +15,7 @@ use std::path::Path;
 /// Bars of a histogram, and the length of the longest.
 const BARS: usize = 10;
 const LONGEST: usize = 40;
-/// Of a picture on the terminal, in characters.
+/// Width of a picture on the terminal, in characters.
 const ACROSS: usize = 72;
 
 pub(super) fn run(args: &Inspect) -> Result<Exit> {

@@ -11,11 +11,11 @@ use lsdc_files::error::Result;
 use lsdc_weights::{DownloadEvent, DownloadLimits, get as download};
 use lsdc_weights::{Installation, KNOWN, KnownEncoder, Store};
 
-/// That an encoder is installed alone.
+/// Notice that an encoder is installed without the depth head.
 pub(super) const NO_HEAD: &str = "its depth head, which `--guide depth-anything` needs, is not installed; \
                                   `lsdc weights add FILE` adds that of the published file";
 
-/// That weights on an encoder are used without its depth head.
+/// Notice that weights use an encoder without its depth head.
 pub(super) const UNGUIDED: &str = "notice: without the depth head of their encoder, these weights are somewhat less accurate; \
                                    `lsdc weights get anything` or `lsdc weights add FILE` brings it";
 
@@ -52,7 +52,7 @@ pub(super) fn get(args: &Get) -> Result<()> {
             ui::say(&format!("from {url}{goes_on}"));
             let begun = bar.insert(ui::byte_bar(total_bytes));
             begun.set_position(resumed_bytes);
-            // What was there before says nothing about the speed.
+            // Bytes present before the start do not count for the speed.
             begun.reset_eta();
         }
         DownloadEvent::Progress(bytes) => {

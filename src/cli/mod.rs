@@ -52,7 +52,7 @@ pub fn main() -> ExitCode {
     };
     let exit = run(args).unwrap_or_else(failed);
     let printed = ui::finish().map_or_else(failed, |()| Exit::Done);
-    // What went wrong before says more than a result that could not be printed.
+    // An earlier failure is more informative than a failure to print.
     let exit = if exit == Exit::Done { printed } else { exit };
     ExitCode::from(exit as u8)
 }

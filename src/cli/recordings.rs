@@ -6,7 +6,7 @@ use lsdc_recordings::{Recording, Survey, TopicSummary};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// What is in a recording, as lines or as one JSON object.
+/// Prints the contents of a recording, as lines or as one JSON object.
 pub(super) fn inspect(path: &Path, as_json: bool) -> Result<()> {
     let mut recording = Recording::open(path)?;
     let survey = Survey::of(&mut recording)?;

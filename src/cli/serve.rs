@@ -10,7 +10,7 @@ use lsdc_weights::weights_name;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-/// Where the token may be, if not in a file: a command line is seen by everybody.
+/// Environment variable of the token. There is no option for it, because command lines are visible to all users.
 const TOKEN: &str = "LSDC_TOKEN";
 
 pub(super) fn run(args: &Serve) -> Result<Exit> {

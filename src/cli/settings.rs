@@ -35,7 +35,7 @@ impl Source {
     }
 }
 
-/// Where the files of a dataset are looked for, by its full path; nothing if there are none.
+/// Full path of the folder of a dataset; `None` if none is known.
 pub(super) fn folder(data: &DataConfig) -> Option<PathBuf> {
     let folder = data.folder(fallback().as_deref()).ok()?;
     Some(absolute(&folder))

@@ -128,7 +128,7 @@ fn prepare<S: Subject>(trainer: &Trainer<S>, shard: Shard) -> Result<Exit> {
     Ok(Exit::Interrupted)
 }
 
-/// What a system starts from, in words.
+/// Describes what a system starts from.
 fn begins(system: &SystemConfig) -> String {
     let source = system.kind().source();
     match system.pretrained() {

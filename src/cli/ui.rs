@@ -87,7 +87,7 @@ pub(super) fn print_failure(name: &Path, error: &Error) {
     print_error(error);
 }
 
-/// One line that says what is wrong, its causes, and what to do.
+/// Prints an error with its causes and its hint.
 pub(super) fn print_error(error: &Error) {
     warn(&format!("error: {error}"));
     let mut source = error.source();
@@ -122,7 +122,7 @@ pub(super) fn bar(total: usize, unit: &str) -> ProgressBar {
     styled(ProgressBar::new(total as u64), &template)
 }
 
-/// The same for bytes, of which there may be any number.
+/// A bar for bytes, whose total may be unknown.
 #[cfg(feature = "download")]
 pub(super) fn byte_bar(total: Option<u64>) -> ProgressBar {
     match total {

@@ -1,4 +1,4 @@
-//! What a completion launches on a GPU, and what it transfers.
+//! Launches and transfers of a completion on a GPU.
 
 use lsdc_core::Completer;
 use lsdc_eval::data::Frame;
@@ -38,7 +38,7 @@ impl Display for PartTraffic {
     }
 }
 
-/// That of one more completion; nothing on other devices, or for networks on burn's tensors.
+/// Counts one more completion; `None` on other devices, and for networks on burn's tensors.
 pub(super) fn traffic(
     name: &str,
     completer: &Completer,

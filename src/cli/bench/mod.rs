@@ -21,7 +21,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// What a time depends on.
+/// The conditions of a measurement.
 #[derive(Debug, Serialize)]
 struct Setting {
     device: String,
@@ -35,7 +35,7 @@ struct Setting {
     quality: Option<Quality>,
 }
 
-/// What completing costs.
+/// Times of a completion.
 #[derive(Debug, Serialize)]
 struct Completing {
     #[serde(flatten)]
@@ -46,7 +46,7 @@ struct Completing {
     /// The prediction of each guide, which the total does not contain either.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     guide_ms: BTreeMap<String, f64>,
-    /// What one completion launches on a GPU and transfers, by part.
+    /// Launches and transfers of a completion on a GPU, by part.
     #[cfg(feature = "gpu")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     gpu: Vec<gpu::PartTraffic>,
@@ -57,7 +57,7 @@ struct Completing {
     setting: Setting,
 }
 
-/// What completing by a method without stages costs.
+/// Times of a method without stages.
 #[derive(Debug, Serialize)]
 struct InOnePiece {
     total_ms: f64,

@@ -40,7 +40,7 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
     report(args.json, &outcome, lines.into(), outcome.peak_mb)
 }
 
-/// What is trained, and how.
+/// The conditions of a training step.
 fn subject(args: &Bench) -> Result<(NetworkConfig, FitConfig, TrainConfig)> {
     if is_given(&args.settings) {
         if args.model.weights.is_some() {
@@ -99,7 +99,7 @@ fn train(args: &Bench) -> Result<Training> {
     let batch = Batch::new(&samples, normalisation, &device)?;
     let net = network.init(config.seed, &device)?;
     let mut learner = Learner::new(net, &fit, &config);
-    // As most steps of a run are.
+    // Like most steps of a run.
     if config.freeze_statistics < 0.5 {
         learner = learner.freeze_statistics();
     }

@@ -82,7 +82,7 @@ pub(super) struct ExportCounts {
 }
 
 impl<'a> Export<'a> {
-    /// Of an image of a model, if there are workspaces.
+    /// Returns the export of an image of a model, if there are workspaces.
     pub(super) fn of(workspaces: &'a [Workspace], job: &Job) -> Option<Self> {
         let view = job.view().filter(|_| !workspaces.is_empty())?;
         Some(Self {
@@ -169,7 +169,7 @@ impl ExportCounts {
         self.pixels.add(other.pixels);
     }
 
-    /// What a user should see of them.
+    /// Lines of the summary.
     pub(super) fn lines(self) -> Vec<String> {
         let Self {
             uncertain,

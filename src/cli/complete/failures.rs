@@ -55,7 +55,7 @@ impl Failures {
     }
 }
 
-/// What `--json` prints of a frame that could not be completed.
+/// JSON object of a frame that could not be completed.
 pub(super) fn failure(name: &Path, error: &Error) -> Value {
     json!({
         "image": name.display().to_string(),

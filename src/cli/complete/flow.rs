@@ -102,7 +102,7 @@ pub(super) fn run<F: Sync, L: Send>(
     })
 }
 
-/// What a thread returns.
+/// Joins a thread, and returns its result.
 pub(super) fn finished<T>(thread: ScopedJoinHandle<'_, T>) -> Result<T> {
     thread.join().map_err(|_| {
         Error::new(

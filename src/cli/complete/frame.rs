@@ -1,4 +1,4 @@
-//! One frame: an image and its points to depth, and what belongs to it.
+//! The completion of one frame, with its diagnostics.
 
 use super::loaded::Loaded as Frame;
 use super::settings::Settings;
@@ -22,7 +22,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What completes one frame after the other.
+/// Completes frames with the settings of a run.
 pub(super) struct Engine<'a> {
     settings: &'a Settings,
     method: Loaded,
@@ -35,7 +35,7 @@ pub(super) struct Engine<'a> {
     counts_outliers: bool,
 }
 
-/// Images that a GPU has at once: one that is computed, one that waits for it, and one whose results the CPU reads.
+/// Images in flight on a GPU: one being computed, one waiting, and one whose results the CPU reads.
 const IMAGES_ON_GPU: usize = 3;
 
 enum Loaded {
@@ -43,7 +43,7 @@ enum Loaded {
     Whole(Whole),
 }
 
-/// What looks at image and points together.
+/// A method that reads image and points together.
 #[derive(Clone)]
 pub(super) enum Whole {
     /// A method without training.
@@ -78,7 +78,7 @@ pub(super) enum Fitted {
 /// A completed frame.
 pub(super) struct Completed {
     pub(super) depth: DepthMap,
-    /// How many of its pixels are clamped to ten times the range of the points.
+    /// Number of pixels clamped to ten times the range of the points.
     pub(super) clamped: usize,
     /// With `--max-sigma` or `--max-relative-sigma`.
     pub(super) left_empty: Option<LeftEmpty>,
@@ -87,15 +87,15 @@ pub(super) struct Completed {
     pub(super) quality: Quality,
     /// The network that predicted the guide, if one did.
     pub(super) guide: Option<String>,
-    /// The time that it took.
+    /// Time of its prediction.
     pub(super) guide_time: Option<Duration>,
-    /// With `--views`, what became of the points of other images.
+    /// With `--views`, the report on the points of other images.
     pub(super) views: Option<ViewsReport>,
     pub(super) diagnostics: Option<Diagnostics>,
 }
 
 impl Completed {
-    /// The map with the pixels that are left empty. Flying pixels are looked for in it, as an empty pixel is no edge.
+    /// The map before pixels were left empty. Flying pixels are detected in it, because an empty pixel is no edge.
     pub(super) fn filled(&self) -> &DepthMap {
         self.filled.as_ref().unwrap_or(&self.depth)
     }
@@ -106,25 +106,25 @@ impl Completed {
     }
 }
 
-/// Pixels without a depth, as their standard deviation is too large.
+/// Pixels left without depth because their standard deviation is too large.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct LeftEmpty {
-    /// How many.
+    /// Number of pixels.
     pub(super) pixels: usize,
-    /// The largest standard deviation of a depth.
+    /// Limit of the standard deviation, in metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) max_sigma: Option<f32>,
-    /// The same as a share of the depth.
+    /// Limit of the standard deviation as a share of the depth.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) max_relative_sigma: Option<f32>,
 }
 
-/// What a fit says of itself.
+/// Diagnostics of a fit.
 pub(super) struct Diagnostics {
     pub(super) completion: Completion,
     /// Root mean square of the leave-one-out errors.
     pub(super) leave_one_out: Option<f64>,
-    /// The points that do not agree with the others, the worst first.
+    /// Points that disagree with the others, worst first.
     pub(super) outliers: Option<Vec<Outlier>>,
     pub(super) deviations: Option<DepthMap>,
     /// Whether the fit limits the influence of outliers.
@@ -180,7 +180,7 @@ impl<'a> Engine<'a> {
         })
     }
 
-    /// How many threads keep the network busy.
+    /// Number of images in flight.
     pub(super) fn images_at_once(&self) -> usize {
         let on_gpu = self.settings.model.device.starts_with("wgpu");
         match self.method {
@@ -338,7 +338,7 @@ impl<'a> Engine<'a> {
     }
 }
 
-/// That all depths are too uncertain.
+/// Error if every pixel is too uncertain.
 fn none_left(
     depth: &DepthMap,
     deviations: &DepthMap,

@@ -14,7 +14,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-/// The one image that is meant.
+/// Finds the image and its points when a single image is given.
 pub(super) fn one(settings: &Settings) -> Result<Job> {
     let image = settings.rgb[0].clone();
     let sparse = &settings.sparse;
@@ -55,8 +55,8 @@ pub(super) fn model(settings: &Settings) -> Result<Option<Colmap>> {
     is_model.then(|| Colmap::read(&settings.sparse)).transpose()
 }
 
-/// Every image of folders, patterns, lists and recordings that belongs to the shard, or with `--views` every image, each
-/// with its points. What has none, or no name of its own, has failed.
+/// Finds every image of the shard, or with `--views` every image, in folders, patterns, lists and recordings, each
+/// with its points. Images without points or without a unique name are recorded as failures.
 /// Points are those of `model`, if there is one.
 pub(super) fn many(
     settings: &Settings,
@@ -137,7 +137,7 @@ pub(super) fn many(
 
 /// The images of folders that a model knows; says which it does not know, and how many of its own are not there.
 fn in_model(settings: &Settings, found: Vec<Found>, views: &Views<'_>) -> Result<Vec<Found>> {
-    /// So many are named.
+    /// Number of images that the message names.
     const NAMED: usize = 5;
     let all = found.len();
     let is_known = |one: &Found| view_of(&one.image, views).is_some();
@@ -278,7 +278,7 @@ fn same_name(folder: &Path, name: &Path, image: &Path) -> Result<PathBuf> {
         let mut files: Vec<PathBuf> = files
             .filter(|file| file.exists() && file != image)
             .collect();
-        // Where capitals make no difference, both are one file.
+        // On case-insensitive file systems both are the same file.
         files.dedup_by_key(|file| file.canonicalize().ok());
         match &files[..] {
             [] => {}

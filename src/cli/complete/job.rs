@@ -16,22 +16,22 @@ use std::time::{Duration, Instant};
 /// An image and where its points are.
 pub(super) struct Job {
     pub(super) image: PathBuf,
-    /// What its results are called: a path below the folder of results.
+    /// Name of its results: a path below the folder of results.
     pub(super) name: PathBuf,
     pub(super) points: Points,
     pub(super) guide: Option<PathBuf>,
-    /// With `--views`, where the image finds its neighbours.
+    /// With `--views`, the source of its neighbours.
     pub(super) views: Option<FrameViewsSource>,
 }
 
 pub(super) enum Points {
     File(PathBuf),
     View(Box<View>),
-    /// Image and points are messages.
+    /// Image and points are messages of a recording.
     Recorded(Arc<Recorded>, Box<SyncedFrame>),
 }
 
-/// What a frame is read from.
+/// An input of a frame.
 pub(super) enum Input<'a> {
     /// A file, or the folder of a model.
     File(&'a Path),
@@ -42,7 +42,7 @@ pub(super) enum Input<'a> {
 }
 
 impl Input<'_> {
-    /// Where it is.
+    /// Path of the input.
     pub(super) fn path(&self) -> &Path {
         match self {
             Self::File(path) => path,
@@ -53,7 +53,7 @@ impl Input<'_> {
 }
 
 impl Job {
-    /// What it is read from, each with what it is: the files of a model as one folder.
+    /// Returns its inputs with their roles; the files of a model count as one folder.
     pub(super) fn inputs<'a>(&'a self, settings: &'a Settings) -> Vec<(&'static str, Input<'a>)> {
         let points = match &self.points {
             Points::File(path) => Input::File(path),
@@ -186,9 +186,9 @@ impl Job {
     }
 }
 
-/// What should be checked of a guide for an image of (width, height).
+/// Returns warnings about a guide for an image of (width, height).
 fn warnings(guide: &DepthGuide, (width, height): (usize, usize)) -> Vec<String> {
-    /// Sides are rounded, to multiples of 14 or 32 by many networks.
+    /// Many networks round the sides to multiples of 14 or 32.
     const UNLIKE: f64 = 1.1;
     let mut warnings = Vec::new();
     let aspect = |width: usize, height: usize| width as f64 / height as f64;

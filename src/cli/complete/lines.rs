@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::Duration;
 
 impl Summary {
-    /// What a user wants to know, the error to expect first. `list` is the file of the outliers, if there is one.
+    /// Lines of the summary, starting with the expected error. `list` is the file of the outliers, if there is one.
     pub(super) fn lines(&self, list: Option<&Path>) -> Vec<String> {
         let m = self.metres();
         let mut lines = Vec::new();
@@ -71,7 +71,7 @@ impl Summary {
         lines
     }
 
-    /// That points disagree with the others, where their list is, and what to do.
+    /// Line about points that disagree with the others, where they are listed, and what to do.
     fn outliers(&self, fit: &DescribedFit, list: Option<&Path>) -> Option<String> {
         let count = fit.outliers.filter(|count| *count > 0)?;
         let place = match list {
@@ -92,7 +92,7 @@ impl Summary {
         ))
     }
 
-    /// What was completed.
+    /// Lines about the input.
     fn input(&self) -> Vec<String> {
         let points = &self.points;
         let mut notes: Vec<String> = left_out_of_points(self.left_out_of_points())
@@ -163,7 +163,7 @@ fn error(fit: &DescribedFit, m: &str) -> String {
     )
 }
 
-/// What became of the points of other images.
+/// Line about the points of other images.
 fn of_views(views: &DescribedViews) -> String {
     let counts = [
         (views.occluded, "behind the surface"),
@@ -188,7 +188,7 @@ fn of_views(views: &DescribedViews) -> String {
     )
 }
 
-/// What the fit says of guide and deviations.
+/// Lines about the guide and the standard deviations.
 fn of_fit(fit: &DescribedFit, network: Option<&str>) -> Vec<String> {
     let network = network.map_or(String::new(), |network| format!("{network}; "));
     let guide = fit.guide_trust.map(|trust| {
@@ -226,7 +226,7 @@ fn of_fit(fit: &DescribedFit, network: Option<&str>) -> Vec<String> {
     all.into_iter().flatten().collect()
 }
 
-/// That pixels are nearer than half a unit of the PNG, if any are.
+/// Line about pixels nearer than half a unit of the PNG, if any.
 pub(super) fn raised(count: usize) -> Option<String> {
     let verb = if count == 1 { "holds" } else { "hold" };
     (count > 0).then(|| {
@@ -235,8 +235,8 @@ pub(super) fn raised(count: usize) -> Option<String> {
     })
 }
 
-/// What clouds leave out, if anything: uncertain pixels, those where the lens does not look, flying ones, and those that share a voxel with
-/// others.
+/// Line about the pixels that clouds leave out: uncertain ones, those outside the lens model, flying ones, and those that share
+/// a voxel with others.
 pub(super) fn left_out_of_clouds(counts: [usize; 4]) -> Option<String> {
     let reasons = [
         "left out: their standard deviation is too large",

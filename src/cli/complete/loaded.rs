@@ -32,7 +32,7 @@ pub(super) struct Noise {
 }
 
 impl Loaded {
-    /// The same with the noise that is asked for, and doubts about the size of the result.
+    /// Adds the requested noise, and warnings about the size of the result.
     ///
     /// # Errors
     /// Noise in metres for depths in an unknown unit.
@@ -75,9 +75,9 @@ pub(super) fn with_noise(points: &mut Sparse, model: Option<DepthNoise>) -> Resu
     Ok(Some(Noise { model, points }))
 }
 
-/// That a result has another shape than the image.
+/// Warning if the result has another aspect ratio than the image.
 fn stretched(image: (usize, usize), wanted: (usize, usize)) -> Option<String> {
-    // A side that is rounded to a pixel is no other shape.
+    // Rounding a side to a pixel does not count.
     let fits = |(a, b): (usize, usize), (c, d): (usize, usize)| {
         (b as f64 * c as f64 / a as f64 - d as f64).abs() <= 1.0
     };

@@ -139,7 +139,7 @@ struct Frame<'a> {
     before: Option<Before>,
 }
 
-/// What is left to do, and how many frames are there already.
+/// Remaining frames, and the number of frames already done.
 struct Plan<'a> {
     left: Vec<Frame<'a>>,
     there: usize,
@@ -209,7 +209,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// What `--json` prints of a frame that is there already.
+/// JSON object of a frame that is already done.
 fn unchanged(report: &serde_json::Value) -> serde_json::Value {
     let mut report = report.clone();
     report["status"] = "unchanged".into();

@@ -21,11 +21,11 @@ pub(super) struct Outputs<'a> {
     files: Vec<(Kind, PathBuf)>,
     /// The image in the workspaces for other programs.
     export: Option<Export<'a>>,
-    /// Of a video, where the weights are kept that the next frame starts from.
+    /// In a video, the file of the weights from which the next frame starts.
     state: Option<PathBuf>,
 }
 
-/// What the formats write beside the depths.
+/// Data that formats need besides the depths.
 #[derive(Default)]
 pub(super) struct FormatData {
     /// Depths of the first and the last colour of a colour map.
@@ -43,7 +43,7 @@ enum Kind {
 }
 
 impl<'a> Outputs<'a> {
-    /// Of the one image: in the folder of `-o`, in that file, or beside the image.
+    /// Outputs of a single image: in the folder `-o`, in the file `-o`, or beside the image.
     pub(super) fn beside(settings: &'a Settings, job: &Job) -> Self {
         match &settings.destination {
             Destination::File(path) => {
@@ -64,7 +64,7 @@ impl<'a> Outputs<'a> {
         }
     }
 
-    /// Of one image among many.
+    /// Outputs of one image among many.
     pub(super) fn below(
         settings: &'a Settings,
         workspaces: &'a [Workspace],
@@ -105,7 +105,7 @@ impl<'a> Outputs<'a> {
         }
     }
 
-    /// Of a video, where the weights are kept that the next frame starts from.
+    /// In a video, the file of the weights from which the next frame starts.
     pub(super) fn weights(&self) -> Option<&Path> {
         self.state.as_deref()
     }
@@ -117,7 +117,7 @@ impl<'a> Outputs<'a> {
         found.map(|(_, path)| path.as_path())
     }
 
-    /// All files by their names, for people.
+    /// Lists all files by name, for people.
     pub(super) fn listed(&self) -> String {
         if let [(_, path)] = &self.files[..] {
             return path.display().to_string();
@@ -133,12 +133,12 @@ impl<'a> Outputs<'a> {
         format!("{names} in {}", self.folder.display())
     }
 
-    /// Where the files are.
+    /// Folder of the files.
     pub(super) fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// The file that is named first.
+    /// The first file.
     pub(super) fn first(&self) -> &Path {
         self.files.first().map_or(&self.folder, |(_, path)| path)
     }
@@ -148,7 +148,7 @@ impl<'a> Outputs<'a> {
         data::check_writable(&self.folder)
     }
 
-    /// Checks that no file of the result is one that it is made from.
+    /// Checks that no output file is also an input.
     pub(super) fn check_apart(&self, job: &Job) -> Result<()> {
         let real = |path: &Path| path.canonicalize().ok();
         for (what, input) in job.inputs(self.settings) {
@@ -162,7 +162,7 @@ impl<'a> Outputs<'a> {
         Ok(())
     }
 
-    /// What the formats write of a result beside its depths.
+    /// Computes the data that the formats need besides the depths.
     pub(super) fn format_data(&self, frame: &Loaded, found: &Completed) -> Result<FormatData> {
         let png = || DescribedPng::new(&found.depth);
         let points = || -> Result<ColoredCloud> {
@@ -237,7 +237,7 @@ impl<'a> Outputs<'a> {
     }
 }
 
-/// What goes into the files.
+/// The contents of the files.
 struct Contents<'a> {
     settings: &'a Settings,
     frame: &'a Loaded,

@@ -97,7 +97,7 @@ fn check_one_file(args: &Complete) -> Result<()> {
     Ok(())
 }
 
-/// What comes from standard input as a file, whose ending says what it is.
+/// Stores standard input in a file with the extension of its format.
 fn read_stdin(folder: &Path) -> Result<PathBuf> {
     let stdin = Path::new("standard input");
     let mut bytes = Vec::new();

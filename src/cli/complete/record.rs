@@ -22,7 +22,7 @@ use std::sync::Mutex;
 /// The folder of the records, in that of the results.
 const FOLDER: &str = ".lsdc";
 
-/// Where the weights of a frame of a video are kept, below the folder of results: the next frame starts from them.
+/// Folder, below the results, of the weights of each frame of a video, from which the next frame starts.
 pub(super) fn state(output: &Path, job: &Job) -> PathBuf {
     let mut path = output.join(FOLDER).join(&job.name).into_os_string();
     path.push(".weights.json");
@@ -41,9 +41,9 @@ pub(super) struct Record {
 /// An input file, or the folder of a model.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Source {
-    /// What the system says of a file: where it says the same, nothing is read again.
+    /// Metadata of a file; while it is unchanged, the file is not read again.
     stamp: Option<Stamp>,
-    /// In small letters: it says what the bytes mean.
+    /// Lower-case extension, which decides how the bytes are read.
     ending: String,
     content: String,
 }
@@ -61,7 +61,7 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// Of a run with these arguments and its folder of results.
+    /// Creates the records of a run with its folder of results.
     pub(super) fn new(settings: &Settings, output: &Path) -> Result<Self> {
         let decisive = Decisive::of(settings)?;
         // Numbers are compared as they are read back.
@@ -86,7 +86,7 @@ impl Records {
         serde_json::from_str(&text).ok()
     }
 
-    /// What is another setting or input than that of the record, if anything is.
+    /// Describes the first setting or input that differs from the record, if any.
     pub(super) fn difference(
         &self,
         settings: &Settings,
@@ -122,7 +122,7 @@ impl Records {
         Ok(gone.map(|role| format!("it was made with an input `{role}`")))
     }
 
-    /// What a frame is about to be read from.
+    /// Returns the input files of a frame that is about to be read.
     pub(super) fn inputs(&self, settings: &Settings, job: &Job) -> Result<Inputs> {
         let inputs = job.inputs(settings).into_iter();
         let sources = inputs.map(|(role, input)| Ok((role.to_owned(), self.source(&input)?)));
@@ -199,11 +199,11 @@ impl Records {
     }
 }
 
-/// What a frame was read from.
+/// The inputs of a frame by role.
 pub(super) struct Inputs(BTreeMap<String, Source>);
 
 impl Record {
-    /// What was reported of the frame.
+    /// The report of the frame.
     pub(super) fn report(&self) -> &Value {
         &self.report
     }
@@ -219,7 +219,7 @@ fn stamp(path: &Path) -> Option<Stamp> {
     found.is_file().then_some(stamp)
 }
 
-/// Here nothing tells for certain: files are read again.
+/// Without reliable metadata on this platform, files are always read again.
 #[cfg(not(unix))]
 fn stamp(_: &Path) -> Option<Stamp> {
     None
@@ -230,11 +230,11 @@ fn ending(path: &Path) -> String {
     ending.to_string_lossy().to_lowercase()
 }
 
-/// What decides the results of a frame besides its files.
+/// Everything but the input files that determines the results of a frame.
 #[derive(Serialize)]
 struct Decisive<'a> {
     numerics: Value,
-    /// The contents of the weights.
+    /// Hash of the weights.
     weights: Option<String>,
     fit: Option<FitConfig>,
     device: Option<&'a str>,

@@ -126,7 +126,7 @@ impl Recorded {
         &self.frames.found
     }
 
-    /// What a frame is called in results.
+    /// Name of a frame in the results.
     pub(super) fn name(frame: &SyncedFrame) -> PathBuf {
         frame.stamp.to_string().into()
     }
@@ -172,7 +172,7 @@ impl Recorded {
         self.frames.camera_route()
     }
 
-    /// Where the camera was when it took the image.
+    /// Pose of the camera when it took the image.
     pub(super) fn camera_pose(
         &self,
         route: &Route,
@@ -181,7 +181,7 @@ impl Recorded {
         self.frames.camera_pose(route, frame)
     }
 
-    /// The points of a frame where its camera would see them so many nanoseconds later, if that is known.
+    /// The points of a frame as its camera would see them after this number of nanoseconds, if transforms are known.
     pub(super) fn seen_after(
         &self,
         frame: &SyncedFrame,
@@ -191,7 +191,7 @@ impl Recorded {
         self.frames.seen_after(frame, seen, nanoseconds)
     }
 
-    /// What a frame is made from, by its contents.
+    /// Hash of the contents of a frame.
     pub(super) fn content(&self, frame: &SyncedFrame) -> Result<String> {
         let stored = self.read(frame)?;
         let projection = stored.projection(&self.frames);

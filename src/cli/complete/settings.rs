@@ -11,7 +11,7 @@ use lsdc_files::{CloudOptions, DeviationLimits, WorkspaceFormat};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What is written without `--formats`.
+/// Formats without `--formats`.
 const DEFAULT_FORMATS: [Format; 3] = [Format::Npy, Format::Png, Format::Color];
 
 /// The settings of a run. Results of an earlier run are used again only if every serialised field is the same, so a field
@@ -67,7 +67,7 @@ pub(super) struct Settings {
     pub(super) max_sigma: Option<f32>,
     #[serde(skip_serializing_if = "is_default")]
     pub(super) max_relative_sigma: Option<f32>,
-    /// That of clouds and workspaces, if a run writes any.
+    /// Largest relative standard deviation in clouds and workspaces, if a run writes any.
     #[serde(skip_serializing_if = "is_default")]
     measured: Option<f32>,
     voxel: Option<f64>,
@@ -95,18 +95,18 @@ pub(super) struct Settings {
     pub(super) checks_alignment: bool,
 }
 
-/// Where results go.
+/// Destination of the results.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Destination {
-    /// Beside the one image.
+    /// In the folder of the single image.
     BesideImage,
     Folder(PathBuf),
-    /// One file in the one format, of one image; or a recording.
+    /// A single file for a single image; or a recording.
     File(PathBuf),
 }
 
 impl Settings {
-    /// Of a run whose results are files.
+    /// Settings of a run whose results are files.
     ///
     /// # Errors
     /// Options that exclude each other, or that would change nothing.
@@ -154,7 +154,7 @@ impl Settings {
         Self::new(args, formats, destination)
     }
 
-    /// Of a run whose results go into the recording `output`.
+    /// Settings of a run whose results go into the recording `output`.
     ///
     /// # Errors
     /// Options of the fit for a method that has none.
@@ -164,7 +164,7 @@ impl Settings {
 
     fn new(args: Complete, formats: Vec<Format>, destination: Destination) -> Result<Self> {
         check_method(&args)?;
-        // Every argument is named, so that a new one is not forgotten here.
+        // Destructured completely, so that a new argument cannot be forgotten.
         let Complete {
             rgb,
             sparse,
@@ -268,7 +268,7 @@ impl Settings {
         }
     }
 
-    /// The same in clouds and workspaces: what counts as measured there, unless a share is given.
+    /// Limits in clouds and workspaces: those of measured pixels, unless a share is given.
     pub(super) fn limits_of_surfaces(&self) -> DeviationLimits {
         DeviationLimits {
             relative: self.measured,
@@ -384,7 +384,7 @@ fn check_folder(path: &Path) -> Result<()> {
     )))
 }
 
-/// How values are serialised that have no form of their own.
+/// Serialisation of values as text.
 mod as_text {
     #![expect(clippy::ref_option, reason = "serde passes fields by reference")]
 

@@ -53,7 +53,7 @@ pub(super) struct Summary {
     #[serde(skip)]
     pub(super) robust: bool,
     pub(super) seconds: Seconds,
-    /// What was assumed or left out and should be checked.
+    /// Warnings: assumptions to check, and what was left out.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     remarks: Vec<String>,
 }
@@ -66,7 +66,7 @@ pub(super) struct DescribedNoise {
     pub(super) name: Option<&'static str>,
     /// A, B and C of the standard deviation A + B z + C z^2 in metres.
     coefficients: [f64; 3],
-    /// How many points have their standard deviations from it.
+    /// Number of points whose standard deviation comes from it.
     pub(super) points: usize,
     #[serde(skip)]
     pub(super) formula: String,
@@ -198,7 +198,7 @@ impl Summary {
         self.views = Some(views);
     }
 
-    /// What was assumed or left out and should be checked.
+    /// Warnings: assumptions to check, and what was left out.
     pub(super) fn remarks(&self) -> &[String] {
         &self.remarks
     }

@@ -62,7 +62,7 @@ fn without_numbers(remark: &str) -> String {
 }
 
 impl<'a> Tally<'a> {
-    /// Beside a bar, which steps with every frame; with `json` each is an object on stdout too.
+    /// Advances `bar` with every frame; with `json` it also prints an object per frame to stdout.
     pub(super) fn new(bar: &'a ProgressBar, json: bool) -> Self {
         Self {
             bar,
@@ -124,7 +124,7 @@ impl<'a> Tally<'a> {
         warn(self.bar, warning);
     }
 
-    /// How many frames were written.
+    /// Number of frames written.
     pub(super) fn count(&self) -> usize {
         self.count
     }

@@ -7,13 +7,13 @@ use lsdc_eval::data;
 use lsdc_files::error::Result;
 use std::path::{Path, PathBuf};
 
-/// Where the weights of a frame are, and its image.
+/// Files of the preceding frame: its weights and its image.
 pub(super) struct Before {
     pub(super) weights: PathBuf,
     pub(super) image: PathBuf,
 }
 
-/// The frame that was completed last.
+/// The frame completed last.
 #[derive(Default)]
 pub(super) struct Chain(Option<Last>);
 

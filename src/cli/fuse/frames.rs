@@ -9,7 +9,7 @@ use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What the names of a result's depths end in; those with standard deviations first.
+/// Endings of depth maps written by `lsdc complete`; those that include standard deviations first.
 const DEPTHS: [&str; 6] = [
     "_depth.npz",
     "_depth.exr",
@@ -19,13 +19,13 @@ const DEPTHS: [&str; 6] = [
     "_depth.png",
 ];
 const DEVIATIONS: &str = "_sigma.npy";
-/// The endings of depth maps that are not called as results are.
+/// Extensions of other depth maps.
 const OTHERS: [&str; 7] = ["npz", "exr", "npy", "tiff", "tif", "pfm", "png"];
 
 /// A frame before it is read.
 #[derive(Clone, Debug)]
 pub(super) struct Source {
-    /// Below the folder, without its ending.
+    /// Path relative to the folder, without extension.
     pub(super) name: String,
     depth: PathBuf,
     deviation: Option<PathBuf>,
@@ -36,9 +36,9 @@ pub(super) struct Source {
 pub(super) struct Loaded {
     pub(super) depth: DepthMap,
     pub(super) deviation: Option<DepthMap>,
-    /// At its pose.
+    /// Camera with its pose.
     pub(super) camera: lsdc_core::Camera,
-    /// Of the size of the depths.
+    /// Image, resized to the depth map.
     pub(super) image: Option<RgbImage>,
     pub(super) remarks: Vec<String>,
 }
@@ -72,7 +72,7 @@ pub(super) fn sources(folder: &Path, images: Option<&Path>) -> Result<Vec<Source
         return Err(Error::format(folder, "has no depth maps")
             .hint("give the folder that `lsdc complete` wrote its results to"));
     }
-    // Of several files the first in the order above.
+    // Of several files of a frame, the first in the order of the endings is kept.
     found.sort();
     found.dedup_by(|later, kept| later.0 == kept.0);
     let names: BTreeMap<&str, &PathBuf> = files.iter().map(|(n, p)| (&n[..], p)).collect();

@@ -138,10 +138,10 @@ struct Run<'a> {
     failed: usize,
 }
 
-/// What came of the frames.
+/// The result of fusing all frames.
 struct Fused {
     fusion: Fusion,
-    /// What the size of the voxels was derived from, if it was not given.
+    /// How the voxel size was derived, if it was not given.
     size: Option<VoxelSize>,
     up: Option<Up>,
 }
@@ -246,7 +246,7 @@ impl Loaded {
     }
 }
 
-/// What is printed of a surface.
+/// The printed summary of a surface.
 struct Summary<'a> {
     args: &'a Fuse,
     total: usize,

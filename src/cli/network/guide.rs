@@ -42,7 +42,7 @@ pub(in crate::cli) fn own_guide(
     head_of(&open_weights(weights)?.network)
 }
 
-/// What reports call the guide by that head.
+/// Name of this guide in reports.
 pub(in crate::cli) fn named(own: &InstalledDepthAnything) -> String {
     format!("depth head of the weights' encoder, {}", own.hash)
 }

@@ -57,7 +57,7 @@ pub(in crate::cli) fn open_system(kind: SystemKind, _: Option<&Path>, _: &str) -
     Err(missing(kind.name()))
 }
 
-/// The same of the systems of `--system`, if there are any.
+/// Fails if there are systems of `--system`, which need another build.
 pub(in crate::cli) fn system_candidates(
     files: &[(Option<String>, PathBuf)],
     device: &str,

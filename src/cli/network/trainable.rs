@@ -63,7 +63,7 @@ pub(in crate::cli) fn systems(
     opened.collect()
 }
 
-/// The same as candidates of an evaluation.
+/// Opens the systems of `--system` as candidates of an evaluation.
 pub(in crate::cli) fn system_candidates(
     files: &[(Option<String>, PathBuf)],
     device_name: &str,

@@ -65,7 +65,7 @@ fn small_weights(args: &NodeArgs) -> Result<Option<Completer>> {
     open_guided_completer(Some(Path::new(SMALL)), &args.model.device, None).map(Some)
 }
 
-/// What was done, in the end.
+/// Prints the counts of the run.
 fn summarise(handle: &NodeHandle) {
     let status = handle.status();
     ui::tell(&format!(

@@ -6,7 +6,7 @@ use lsdc_files::error::{Error, Result};
 use lsdc_node::Parameters;
 use std::path::Path;
 
-/// What `use_sim_time` and the like concern is not in the node: its times are those of messages.
+/// `use_sim_time` and similar parameters do not apply: all times are message stamps.
 const WITHOUT_EFFECT: [&str; 1] = ["use_sim_time"];
 /// Options that are no parameters.
 const NO_PARAMETERS: [&str; 2] = ["params_file", "name"];

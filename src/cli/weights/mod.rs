@@ -163,14 +163,14 @@ fn licences(licence: Option<&str>, trained_on: &[TrainingSet]) {
     }
 }
 
-/// What weights were made from, the oldest first.
+/// Prints the history of weights, oldest entry first.
 fn made(history: &[HistoryEntry]) {
     for line in history::lines(history) {
         ui::print(&format!("made       {line}"));
     }
 }
 
-/// How weights were trained, and what they reached.
+/// Prints the training settings and the errors on held-out frames.
 fn trained(training: Option<&Value>, scores: Option<Scores>) {
     if let Some(training) = training {
         ui::print(&format!(

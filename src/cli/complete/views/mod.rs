@@ -41,15 +41,15 @@ pub(super) fn attach(settings: &Settings, jobs: &mut [Job]) -> Result<()> {
     Ok(())
 }
 
-/// Where an image finds its neighbours.
+/// The source of an image's neighbours.
 pub(super) enum FrameViewsSource {
-    /// They are in memory.
+    /// In memory.
     Known {
-        /// The file of the poses, or the model.
+        /// File of the poses, or folder of the model.
         source: Arc<Path>,
         views: FrameViews,
     },
-    /// They are read from a recording when they are needed.
+    /// Read from a recording on demand.
     Recorded {
         views: Arc<RecordedViews>,
         frame: Box<SyncedFrame>,
@@ -57,7 +57,7 @@ pub(super) enum FrameViewsSource {
 }
 
 impl FrameViewsSource {
-    /// Where the poses are from.
+    /// Path of the poses.
     pub(super) fn source(&self) -> &Path {
         match self {
             Self::Known { source, .. } => source,
@@ -65,7 +65,7 @@ impl FrameViewsSource {
         }
     }
 
-    /// Whether one file has it all: points, cameras and poses.
+    /// Whether points, cameras and poses are all in one file.
     pub(super) fn is_one_file(&self) -> bool {
         matches!(self, Self::Recorded { views, .. } if views.has_own_poses())
     }
@@ -91,12 +91,12 @@ impl FrameViewsSource {
 struct SequenceView {
     name: PathBuf,
     view: PosedView,
-    /// Of points and pose.
+    /// Hash of points and pose.
     hash: String,
 }
 
 impl SequenceView {
-    /// Of an image with its camera in the world, and its points.
+    /// Creates the view from the camera, posed in the world, and the points of an image.
     ///
     /// # Errors
     /// A camera with numbers that cannot be.

@@ -28,7 +28,7 @@ pub(in crate::cli::complete) struct RecordedViews {
     state: Mutex<State>,
 }
 
-/// Where the poses are from.
+/// The source of the poses.
 enum CameraPoses {
     /// The transforms of the recording.
     Transforms(Route),
@@ -39,7 +39,7 @@ enum CameraPoses {
 struct State {
     /// By place in the order; none whose points cannot be read.
     window: BTreeMap<usize, Option<Arc<SequenceView>>>,
-    /// What was found last, and for which image.
+    /// The last result, and its image.
     last: Option<(MessageLocation, Option<FrameViews>)>,
 }
 
@@ -134,7 +134,7 @@ impl RecordedViews {
         Ok(())
     }
 
-    /// Where the poses are from.
+    /// Path of the poses.
     pub(in crate::cli::complete) fn source(&self) -> &Path {
         match &self.poses {
             CameraPoses::Transforms(_) => self.recorded.path(),
@@ -165,7 +165,7 @@ impl RecordedViews {
 
     /// An image and its neighbours; none if its pose is not known, or its points cannot be read.
     ///
-    /// What is found does not depend on what was found before.
+    /// The result does not depend on earlier calls.
     pub(in crate::cli::complete) fn find(&self, frame: &SyncedFrame) -> Option<FrameViews> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         match &state.last {

@@ -1,4 +1,4 @@
-//! What became of the points of other images, in numbers.
+//! Counts of the points carried over from other images.
 
 use super::FrameViews;
 use crate::cli::ui::counted;
@@ -45,7 +45,7 @@ impl FrameViews {
     }
 }
 
-/// What became of the points of other images.
+/// Counts of the points of other images.
 #[derive(Debug, Serialize)]
 pub(in crate::cli::complete) struct DescribedViews {
     pub(in crate::cli::complete) outcome: &'static str,
@@ -76,7 +76,7 @@ struct DescribedView {
 }
 
 impl DescribedViews {
-    /// What is known of points that were left out, and what should be checked, if anything.
+    /// Returns a warning about points that were left out, with what to check.
     pub(in crate::cli::complete) fn remark(&self) -> Option<String> {
         let check = "check poses and time stamps";
         let errors = self.errors.filter(|[before, after]| after > before);
