@@ -35,8 +35,8 @@ export class Cloud {
   });
   private readonly flying = check("Leave out flying pixels",
     "Those between the surfaces at a depth edge, where there is nothing", (left) => this.app.look({ flying: !left }));
-  private readonly measured = check("Leave out what is not measured",
-    "Pixels whose standard deviation is above a tenth of their depth", (left) => this.app.look({ unmeasured: !left }));
+  private readonly measured = check("Fade what is not measured",
+    "Pixels whose standard deviation is above a tenth of their depth: pale here, and left out of the PLY", (left) => this.app.look({ unmeasured: !left }));
   private pixels: Pixels | null = null;
   private renderer: Renderer | null = null;
   private drawn: unknown[] = [];
@@ -120,6 +120,7 @@ export class Cloud {
       colours: table(deviation ? "magma" : view.colours),
       range: deviation ? ([0, answer.highDeviation] as const) : depthRange(view, answer),
       cut: view.cut ?? 3e38,
+      measured: view.unmeasured ? 3e38 : MEASURED,
     };
     renderer.draw(look, this.marks(state), this.lines(state));
     const share = (part: number) => `${(100 * part).toFixed(1)} %`;
@@ -140,16 +141,14 @@ export class Cloud {
     const stride = strideOf(width, height);
     const out = flying ? null : flyingPixels(depth, width, height, camera, stride);
     const most = unmeasured ? Infinity : MEASURED;
-    const kept = out || deviation ? depth.slice() : depth;
+    const kept = out ? depth.slice() : depth;
     const drawn: number[] = [];
     let [all, left, unsure] = [0, 0, 0];
     for (let v = 0; v < height; v += stride) {
       for (let i = v * width; i < (v + 1) * width; i += stride) {
         all++;
-        if (deviation && deviation[i]! > most * depth[i]!) {
-          unsure++;
-          kept[i] = 0;
-        } else if (out?.[i]) {
+        if (deviation && deviation[i]! > most * depth[i]!) unsure++;
+        if (out?.[i]) {
           left++;
           kept[i] = 0;
         } else if (cut === null || !deviation || !(deviation[i]! > cut)) drawn.push(i);
@@ -161,8 +160,7 @@ export class Cloud {
   }
 
   /** Why nothing can be seen; null if something can. */
-  private why({ sample, isCut, unmeasured }: Pixels): string | null {
-    if (sample.length === 0 && unmeasured === 1) return "No pixel counts as measured: give more points, or keep such pixels with the box below.";
+  private why({ sample, isCut }: Pixels): string | null {
     if (sample.length === 0) return isCut ? "All pixels are above the cut. Move its slider to the right." : "All pixels are left out.";
     const { clientWidth: width, clientHeight: height } = this.area;
     const inSight = sample.some((point) => {
@@ -311,9 +309,9 @@ export class Cloud {
 
 interface Pixels {
   readonly key: readonly unknown[];
-  /** 0 where a pixel is left out that flies or is not measured. */
+  /** 0 where a flying pixel is left out. */
   readonly depth: Float32Array;
-  /** The shares of these, of all that could be drawn. */
+  /** The shares of those, and of pixels that count as not measured, of all that could be drawn. */
   readonly flying: number;
   readonly unmeasured: number;
   readonly isCut: boolean;

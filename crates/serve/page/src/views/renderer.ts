@@ -16,8 +16,9 @@ uniform vec4 camera;
 uniform ivec2 size;
 uniform int stride, columns, source;
 uniform vec2 range, view;
-uniform float cut, focal;
+uniform float cut, focal, measured;
 out vec3 colour;
+out float strength;
 vec3 seen(ivec2 pixel, float z) { return vec3((vec2(pixel) - camera.zw) / camera.xy * z, z); }
 float reach(ivec2 pixel, float z, vec2 here) {
   float next = texelFetch(depths, min(pixel, size - 1), 0).r;
@@ -34,6 +35,7 @@ void main() {
     gl_PointSize = 0.0;
     return;
   }
+  strength = deviation > measured * z ? 0.25 : 1.0;
   gl_Position = clip * vec4(seen(pixel, z), 1.0);
   float width = float(stride) * z / camera.x * focal / max(gl_Position.w, 1e-6);
   // Wide enough to touch the next pixels of the same surface, seen from here.
@@ -50,8 +52,9 @@ void main() {
 const CLOUD_PIXEL = `#version 300 es
 precision mediump float;
 in vec3 colour;
+in float strength;
 out vec4 pixel;
-void main() { pixel = vec4(colour, 1.0); }`;
+void main() { pixel = strength * vec4(colour, 1.0); }`;
 
 const MARKS = `#version 300 es
 precision highp float;
@@ -92,6 +95,8 @@ export interface Look {
   readonly colours: Table;
   readonly range: readonly [number, number];
   readonly cut: number;
+  /** The standard deviation as a share of the depth above which a pixel is pale. */
+  readonly measured: number;
   readonly density: number;
   /** Every n-th pixel in both directions. */
   readonly thinning: number;
@@ -185,6 +190,7 @@ export class Renderer {
     gl.uniform2f(at("range"), ...look.range);
     gl.uniform2f(at("view"), gl.drawingBufferWidth, gl.drawingBufferHeight);
     gl.uniform1f(at("cut"), look.cut);
+    gl.uniform1f(at("measured"), look.measured);
     gl.uniform1f(at("focal"), look.eye.focal);
     gl.bindVertexArray(this.none);
     gl.drawArrays(gl.POINTS, 0, columns * Math.ceil(height / stride));
