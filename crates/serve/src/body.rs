@@ -75,7 +75,7 @@ impl Incoming {
         Ok(Some(chunk))
     }
 
-    /// All of it.
+    /// Reads the whole body.
     ///
     /// # Errors
     /// As for [`Self::next`].
@@ -87,7 +87,7 @@ impl Incoming {
         Ok(all)
     }
 
-    /// As a stream, which ends after a fault.
+    /// Turns the body into a stream, which ends after a fault.
     pub(crate) fn stream(&mut self) -> impl Stream<Item = Result<Bytes, Fault>> + Send {
         stream::unfold(Some(self), |body| async {
             let body = body?;

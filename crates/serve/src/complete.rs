@@ -101,7 +101,7 @@ impl CompletionResult {
         })
     }
 
-    /// What was assumed or left out and should be checked.
+    /// Warnings: assumptions to check, and what was left out.
     pub(crate) fn remarks(&self) -> Vec<String> {
         [&self.remarks[..], &self.points.remarks[..]].concat()
     }

@@ -1,4 +1,4 @@
-//! One computation and its stages: how long they take, and whether anybody still waits for the result.
+//! A computation and its stages: their durations, and whether a client still waits for the result.
 
 use crate::config::Trace;
 use crate::fault::{Fault, FaultKind};

@@ -1,4 +1,4 @@
-//! What a service allows, and whom.
+//! Limits and access of a service.
 
 use crate::page::Page;
 use serde::Serialize;
@@ -10,9 +10,9 @@ use std::time::Duration;
 /// The settings of a service.
 #[derive(Clone, Default)]
 pub struct Config {
-    /// What one request, and all together, may cost.
+    /// Limits of a request, and of all requests together.
     pub limits: Limits,
-    /// Who may ask.
+    /// Access control.
     pub access: Access,
     /// A certificate, for HTTPS.
     pub tls: Option<Tls>,
@@ -33,7 +33,7 @@ pub type Log = Arc<dyn Fn(&LogEntry) + Send + Sync>;
 /// Is called before each stage of a computation.
 pub type Trace = Arc<dyn Fn(&str) + Send + Sync>;
 
-/// What is logged of a request: nothing of what it contains.
+/// Log entry of a request, without any of its contents.
 #[derive(Clone, Debug, Serialize)]
 #[non_exhaustive]
 pub struct LogEntry {
@@ -49,7 +49,7 @@ pub struct LogEntry {
     pub status: u16,
     /// From the head of the request to that of the answer.
     pub seconds: f64,
-    /// What kept it from being answered as asked.
+    /// Why it was not answered as requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fault: Option<&'static str>,
 }
@@ -85,7 +85,7 @@ pub struct Limits {
     pub drain: Duration,
     /// Bytes of all scenes that are kept; the least recently used make room.
     pub scenes: u64,
-    /// How long an unused scene is kept.
+    /// Lifetime of an unused scene.
     pub expiry: Duration,
 }
 
@@ -110,10 +110,10 @@ impl Default for Limits {
     }
 }
 
-/// Who may ask.
+/// Access control.
 #[derive(Clone, Debug, Default)]
 pub struct Access {
-    /// What a client must show, as `Authorization: Bearer TOKEN`.
+    /// Token that clients must send as `Authorization: Bearer TOKEN`.
     pub token: Option<String>,
     /// Whether clients of other machines may ask without a token.
     pub open: bool,

@@ -12,7 +12,7 @@ pub enum Error {
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// Other machines could ask without a token.
@@ -29,7 +29,7 @@ pub enum Error {
     Certificate {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Description of the problem.
         why: String,
     },
     /// Threads or their runtime cannot be started.
@@ -41,7 +41,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// What to do about it, where that is known.
+    /// Suggested remedy, if one is known.
     pub fn hint(&self) -> Option<&'static str> {
         match self {
             Self::Listen { .. } => Some("choose another port, or 0 for any that is free"),

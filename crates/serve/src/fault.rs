@@ -101,7 +101,7 @@ impl Fault {
         Self::new(FaultKind::Unusable, message)
     }
 
-    /// What went wrong is no business of the client; the log has the request.
+    /// An internal error, whose cause is logged and not sent to the client.
     pub(crate) fn failed() -> Self {
         Self::new(
             FaultKind::Failed,

@@ -1,4 +1,4 @@
-//! What is in an upload: an image with its camera, and points.
+//! The frame of an upload: an image with its camera, and points.
 
 use crate::config::Limits;
 use crate::fault::{Fault, FaultKind};
@@ -19,9 +19,9 @@ pub(crate) struct InputFrame {
     /// Upright.
     pub(crate) rgb: RgbImage,
     pub(crate) orientation: Orientation,
-    /// Of the image as it is shown.
+    /// Camera of the upright image.
     pub(crate) camera: Option<Camera>,
-    /// What was assumed about image and camera.
+    /// Assumptions about image and camera.
     pub(crate) remarks: Vec<String>,
 }
 

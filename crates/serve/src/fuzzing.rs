@@ -1,4 +1,4 @@
-//! What fuzzers and tests call: the readers of whatever comes in, without a connection.
+//! Entry points for fuzzers and tests: the readers of all input, without a connection.
 
 use crate::body::Incoming;
 use crate::config::Limits;

@@ -1,4 +1,4 @@
-//! Who may ask: a token, and no page of another web site.
+//! Access control: a token, and no requests from pages of other web sites.
 
 use crate::config::Config;
 use crate::fault::{Fault, FaultKind};
@@ -7,7 +7,7 @@ use axum::http::{HeaderMap, Method, Uri, Version, header};
 use std::net::SocketAddr;
 use subtle::ConstantTimeEq as _;
 
-/// What is open to everybody: it says nothing of anybody's images, and probes know no token.
+/// Paths open without a token, because probes have none; they reveal nothing about images.
 const OPEN: [&str; 3] = ["/healthz", "/readyz", "/openapi.json"];
 
 /// Decides about requests by their heads.
@@ -20,7 +20,7 @@ pub(crate) struct Guard {
     local: bool,
 }
 
-/// What becomes of a request.
+/// Decision about a request.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// It is answered.

@@ -43,7 +43,7 @@ struct Point {
     residual: f64,
     /// Its depth minus that which the others predict.
     leave_one_out: Option<f64>,
-    /// Of the map at the point.
+    /// Value of the map at the point.
     standard_deviation: Option<f32>,
     outlier: OutlierTest,
 }

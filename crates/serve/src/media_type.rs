@@ -20,7 +20,7 @@ pub(crate) enum MediaType {
 }
 
 impl MediaType {
-    /// All of them; the first is the default.
+    /// All types; the first is the default.
     const ALL: [Self; 6] = [
         Self::Json,
         Self::Png,
@@ -94,7 +94,7 @@ impl MediaType {
                 .max_by_key(|(precision, _)| *precision)
                 .map_or(0.0, |(_, weight)| weight)
         };
-        // Of equals, the last is the maximum.
+        // `max_by` returns the last of equal elements.
         let weights = Self::ALL
             .into_iter()
             .rev()

@@ -44,7 +44,7 @@ const SCALARS: [(&str, &str, &str); 8] = [
     ("scene_bytes", "gauge", "Their size, about."),
 ];
 
-/// What a service counts.
+/// Counters of a service.
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
     counts: Mutex<Counts>,
@@ -118,7 +118,7 @@ impl Metrics {
         self.scalars[scalar as usize].store(value, Ordering::Relaxed);
     }
 
-    /// All of it.
+    /// Writes all metrics.
     pub(crate) fn text(&self) -> String {
         let counts = self.counts();
         let mut page = Exposition(String::new());

@@ -1,4 +1,4 @@
-//! What surrounds every request: its name, the guard, panics, faults as JSON, metrics, and the log.
+//! The wrapper of every request: identifier, access control, panics, faults as JSON, metrics, and log.
 
 use crate::answer;
 use crate::app::App;
@@ -162,7 +162,7 @@ impl ObservedRequest<'_> {
 
 impl Drop for ObservedRequest<'_> {
     fn drop(&mut self) {
-        /// What others log where a client has gone.
+        /// Status that other servers log when a client has disconnected.
         const GONE: u16 = 499;
         if !self.ended {
             self.app.metrics.add_gone();

@@ -124,7 +124,7 @@ impl Options {
         }
     }
 
-    /// What replaces settings of the weights.
+    /// Overrides of the settings stored with the weights.
     pub(crate) fn changes(&self) -> Changes {
         Changes {
             method: self.fit,

@@ -117,7 +117,7 @@ mod tests {
     use super::*;
     use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, duplex};
 
-    /// Of a clock that runs only while all wait.
+    /// Time on the paused clock, which advances only while all tasks wait.
     const PACE: Duration = Duration::from_secs(10);
 
     #[tokio::test(start_paused = true)]

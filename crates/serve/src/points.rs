@@ -52,7 +52,7 @@ fn deserialize_all<'de, S: DeserializeSeed<'de>>(
     Ok(found)
 }
 
-/// How many points are taken, and whether there were more.
+/// Number of points taken, and whether there were more.
 struct Limit {
     max_points: usize,
     exceeded: Cell<bool>,
@@ -81,7 +81,7 @@ pub(crate) fn too_many(max_points: usize) -> Fault {
     Fault::too_large(format!("there are more than {max_points} points")).hint("send a part of them")
 }
 
-/// One point: three numbers, and a fourth that may be null.
+/// A point: three numbers, and an optional fourth, which may be null.
 struct Point(Observation);
 
 impl<'de> Deserialize<'de> for Point {
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_list_is_read_no_further_than_the_limit() {
-        // What follows is no JSON, which nobody finds out.
+        // The rest is not JSON, which goes unnoticed.
         for json in ["[[1,2,3],[1,2,3]]", "[[1,2,3],[1,2,3] no JSON"] {
             assert_eq!(
                 parse(json.as_bytes(), 1).unwrap_err().kind,

@@ -106,7 +106,7 @@ impl Receiver<'_> {
         self.runtime.block_on(read)
     }
 
-    /// All bytes.
+    /// Reads all bytes.
     ///
     /// # Errors
     /// As for [`Incoming::next`].
@@ -120,7 +120,7 @@ fn checked(
     headers: &HeaderMap,
     body: &Incoming,
 ) -> Result<(MediaType, QueueSlot), Fault> {
-    // What is no text accepts nothing that is known here.
+    // A header that is not text accepts no known type.
     let accept = headers.get(header::ACCEPT);
     let accept = accept.map(|value| value.to_str().unwrap_or_default());
     let media_type = MediaType::accepted(accept)?;

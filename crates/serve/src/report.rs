@@ -1,4 +1,4 @@
-//! What is said of a completion, by the names of `lsdc complete --json`.
+//! The report of a completion, with the names of `lsdc complete --json`.
 
 use crate::complete::CompletionResult;
 use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit, DescribedPng, DescribedPoints};
@@ -20,7 +20,7 @@ pub(crate) struct JsonReport {
     pub(crate) cloud: Option<DescribedCloud>,
     fit: DescribedFit,
     seconds: Seconds,
-    /// What was assumed or left out and should be checked.
+    /// Warnings: assumptions to check, and what was left out.
     remarks: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! Every address of the service.
+//! All routes of the service.
 
 use crate::app::App;
 use crate::fault::{Fault, FaultKind};

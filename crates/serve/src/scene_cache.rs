@@ -52,7 +52,7 @@ impl SceneCache {
         }
     }
 
-    /// How long an unused scene is kept.
+    /// Lifetime of an unused scene.
     pub(crate) fn expiry(&self) -> Duration {
         self.expiry
     }

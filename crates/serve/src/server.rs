@@ -36,7 +36,7 @@ const LINES: usize = 64;
 const THREADS: usize = 2;
 /// Threads that may block beside those of bodies and computations: for the files of a gallery.
 const OTHER_THREADS: usize = 512;
-/// How often unused scenes are looked for.
+/// Interval between searches for unused scenes.
 const TIDYING: Duration = Duration::from_secs(5);
 
 /// A service that listens.
@@ -84,12 +84,12 @@ impl Server {
         })
     }
 
-    /// Where the service listens.
+    /// Address on which the service listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What ends it.
+    /// Returns a handle that stops the service.
     pub fn handle(&self) -> Handle {
         Handle(self.end.clone())
     }

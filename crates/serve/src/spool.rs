@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// What the name of a folder begins with, in the temporary folder of the system.
+/// Prefix of the folder name, in the temporary folder of the system.
 const PREFIX: &str = "lsdc-upload-";
 /// A file of a folder that is locked for as long as its service lives: the system releases the lock of a killed one.
 const LOCK: &str = ".lock";
@@ -40,7 +40,7 @@ impl Spool {
         })
     }
 
-    /// Where the folder is.
+    /// Path of the folder.
     pub(crate) fn path(&self) -> &Path {
         self.folder.path()
     }
@@ -76,7 +76,7 @@ fn is_abandoned(folder: &Path) -> bool {
 mod tests {
     use super::*;
 
-    /// What a killed process leaves: its folder, without the lock.
+    /// Creates what a killed process leaves behind: its folder, without the lock.
     fn left_by(killed: Spool) -> std::path::PathBuf {
         killed.folder.keep()
     }

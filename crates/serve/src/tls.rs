@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 use tokio_rustls::TlsAcceptor;
 
-/// What makes connections secure.
+/// Returns the acceptor of encrypted connections.
 ///
 /// # Errors
 /// Files that cannot be read, or do not belong together.

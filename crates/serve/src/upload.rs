@@ -189,7 +189,7 @@ fn shown(name: &str) -> String {
     name.chars().filter(plain).take(32).collect()
 }
 
-/// What is wrong with a form: the fault of its body, or its own.
+/// Returns the fault of a form: that of its body, or its own.
 fn broken(error: multer::Error) -> Fault {
     match error {
         multer::Error::StreamReadFailed(cause) => match cause.downcast::<Fault>() {

@@ -28,7 +28,7 @@ pub(crate) struct QueueSlot {
 }
 
 impl WorkerPool {
-    /// So many computations at a time, 0 for one on each core, and so many requests beyond these.
+    /// Creates a pool with `workers` simultaneous computations (0: one per core) and up to `queue` waiting requests.
     pub(crate) fn new(workers: usize, queue: usize, metrics: Arc<Metrics>) -> Self {
         let workers = match workers {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -43,7 +43,7 @@ impl WorkerPool {
         }
     }
 
-    /// How many threads may block at a time before any request has come: those that read bodies and those that compute, so
+    /// Number of threads that may block at once: those that read bodies and those that compute, so
     /// that slow clients keep no computation from its thread.
     pub(crate) fn max_threads(&self) -> usize {
         self.workers.saturating_add(self.slots.available_permits())
@@ -53,7 +53,7 @@ impl WorkerPool {
     /// never more bodies, computations and answers than slots.
     ///
     /// # Errors
-    /// All are taken.
+    /// All slots are in use.
     pub(crate) fn slot(&self) -> Result<QueueSlot, Fault> {
         let permit = self.slots.clone().try_acquire_owned();
         Ok(QueueSlot {

@@ -5,7 +5,7 @@ use std::error::Error as _;
 
 pub(crate) type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What can be wrong.
+/// Kinds of errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Kind {

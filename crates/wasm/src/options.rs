@@ -68,7 +68,7 @@ impl Options {
         Ok(options)
     }
 
-    /// What replaces settings of the weights.
+    /// Overrides of the settings stored with the weights.
     pub(crate) fn changes(&self) -> Changes {
         Changes {
             method: self.fit,

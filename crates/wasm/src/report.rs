@@ -11,7 +11,7 @@ pub(crate) struct Report {
     fit: Fit,
     /// Worst first; null if the points were not tested.
     outliers: Option<Vec<OutlierEntry>>,
-    /// What was assumed or left out and should be checked.
+    /// Warnings: assumptions to check, and what was left out.
     pub(crate) remarks: Vec<String>,
 }
 

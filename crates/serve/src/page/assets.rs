@@ -11,7 +11,7 @@ use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 include!(concat!(env!("OUT_DIR"), "/page.rs"));
 
-/// What the page may load and do: nothing but its own files and what it makes itself.
+/// Content security policy of the page: only its own files and what it creates itself.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
     connect-src 'self' blob: data:; worker-src 'self' blob:; font-src 'self'; manifest-src 'self'; \
     base-uri 'none'; form-action 'none'; frame-ancestors 'none'";

@@ -36,7 +36,7 @@ impl GalleryCache {
         found
     }
 
-    /// What was read last, or is read now.
+    /// The frame read last, or being read.
     pub(super) fn get(&self, folders: &[PathBuf]) -> Arc<Vec<GalleryRun>> {
         let known = self
             .0

@@ -24,7 +24,7 @@ pub(crate) struct GalleryFrame {
     pub(super) failure: Option<String>,
 }
 
-/// What the name of a map of depths ends in after the name of its frame, the most precise first.
+/// Endings of depth maps after the name of their frame, most precise format first.
 const DEPTHS: [&str; 6] = [
     "_depth.npy",
     "_depth.npz",
@@ -56,7 +56,7 @@ fn name(path: &Path) -> String {
     name.unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// What `lsdc complete` has written.
+/// Results of `lsdc complete`.
 fn completed(folder: &Path) -> GalleryRun {
     let files = files(folder);
     let mut frames: BTreeMap<String, GalleryFrame> = BTreeMap::new();
@@ -112,7 +112,7 @@ fn add_records(folder: &Path, frames: &mut BTreeMap<String, GalleryFrame>) {
     }
 }
 
-/// What `lsdc eval --save` has written: `METHOD/seedN/FRAME.npy`.
+/// Results of `lsdc eval --save`: `METHOD/seedN/FRAME.npy`.
 fn evaluated(folder: &Path) -> Vec<GalleryRun> {
     let mut runs: BTreeMap<String, GalleryRun> = BTreeMap::new();
     let parts = |id: &str| {

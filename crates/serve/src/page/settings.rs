@@ -1,13 +1,13 @@
-//! What the page shows, as the program that serves it says.
+//! Settings of the page, given by the program that serves it.
 
 use image::RgbImage;
 use lsdc_core::DepthMap;
 use std::path::PathBuf;
 
-/// What the page shows.
+/// Settings of the page.
 #[derive(Clone)]
 pub struct Page {
-    /// What it opens with.
+    /// The frame shown at the start.
     pub start: Start,
     /// Images to try.
     pub demos: Vec<Demo>,

@@ -1,4 +1,4 @@
-//! What the command line has opened.
+//! The frame opened on the command line.
 
 use super::media::media;
 use super::settings::{Page, Start};
@@ -23,7 +23,7 @@ impl Start {
         }
     }
 
-    /// Where the page finds it. The address ends in the name of the file, by which it is read.
+    /// Address for the page. It ends in the file name, which decides how the file is read.
     fn address(&self, part: &str) -> Option<String> {
         let ending = self.get(part)?.extension()?.to_str()?;
         Some(format!("/v1/start/{part}.{ending}"))
