@@ -227,7 +227,8 @@ impl FieldEstimator<'_> {
             smoothness,
             follows_surface: surface.is_some(),
             sample: merged.sample(0, rows)?,
-            residuals: None,
+            // All weights are 0.
+            residuals: Some(rows.values.clone()),
             limited: 0,
         })
     }

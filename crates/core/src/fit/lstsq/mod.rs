@@ -434,8 +434,8 @@ pub fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
     let ((a, more_a), (b, more_b)) = (a[..count].as_chunks::<8>(), b[..count].as_chunks::<8>());
     let mut lanes = [0.0; 8];
     for (a, b) in a.iter().zip(b) {
-        for lane in 0..8 {
-            lanes[lane] += a[lane].into() * b[lane];
+        for ((lane, &x), y) in lanes.iter_mut().zip(a).zip(b) {
+            *lane += x.into() * y;
         }
     }
     for (lane, (&x, y)) in lanes.iter_mut().zip(more_a.iter().zip(more_b)) {
