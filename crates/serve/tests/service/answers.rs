@@ -171,7 +171,10 @@ fn clouds_leave_out_what_is_not_measured_and_count_it() {
     let [by_default, given, none] = counts[..] else {
         unreachable!()
     };
-    assert!(by_default > 0 && by_default == given && none == 0, "{counts:?}");
+    assert!(
+        by_default > 0 && by_default == given && none == 0,
+        "{counts:?}"
+    );
 }
 
 /// What is said of each point.
