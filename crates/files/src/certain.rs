@@ -1,20 +1,20 @@
-//! Which depths are certain enough to be used.
+//! Limits of the uncertainty of depths.
 
 use crate::DepthMap;
 use crate::error::Result;
 
-/// The largest standard deviations of depths that are kept; no limit by default.
+/// Largest standard deviations of depths that are kept; no limit by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeviationLimits {
-    /// In the unit of the depths.
+    /// Limit in the unit of the depths.
     pub absolute: Option<f32>,
-    /// As a share of the depth.
+    /// Limit as a share of the depth.
     pub relative: Option<f32>,
 }
 
 impl DeviationLimits {
-    /// A pixel whose standard deviation is a larger share of its depth counts as not measured: it is left out of clouds,
-    /// surfaces and workspaces by default.
+    /// Default relative limit of clouds, surfaces and workspaces: pixels whose standard deviation is a larger share of
+    /// their depth are left out.
     pub const MEASURED: f64 = 0.1;
 
     /// Whether a standard deviation is above a limit.
@@ -29,8 +29,8 @@ impl DeviationLimits {
     }
 }
 
-/// Returns a depth map without the depths whose standard deviation is above a limit, and how many these are. They become
-/// 0, no depth. Both maps have the same size; a pixel without a standard deviation keeps its depth.
+/// Replaces depths whose standard deviation is above a limit by 0, no depth. Returns the map and the number of replaced
+/// depths. Both maps have the same size; a pixel without a standard deviation keeps its depth.
 ///
 /// # Errors
 /// None for maps of the same size.

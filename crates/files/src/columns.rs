@@ -1,4 +1,4 @@
-//! What the columns of a table without names are: pixels and depth, or a cloud.
+//! The meaning of the columns of a table without names: pixels and depth, or a cloud.
 
 use super::Camera;
 use super::files::{ColumnMeaning, PointTable};
@@ -6,24 +6,23 @@ use super::grid::pixel;
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// What every meaning of the columns would make of the points.
+/// Evidence for each meaning of the columns.
 struct ColumnEvidence {
-    /// The share of the points with a positive depth that lie in the image, taken as u, v, depth.
+    /// Share of the points with a positive depth that are in the image, taken as u, v, depth.
     as_pixels: f64,
-    /// The share of all points that the camera sees in the image, taken as x, y, z.
+    /// Share of all points that the camera sees in the image, taken as x, y, z.
     as_space: f64,
-    /// Whether the first two columns are whole numbers, as pixels are and coordinates are not.
+    /// Whether the first two columns are integers, as pixels are and coordinates are not.
     whole: bool,
-    /// How far the points spread over the image, taken as u, v, depth: the share of its width or of
-    /// its height, whichever is more. Of few points it counts from the first pixel, where clouds lie
-    /// that are measured in metres.
+    /// Extent of the points in the image, taken as u, v, depth: the larger of the shares of its width and height. The
+    /// extent of few points is measured from the first pixel, near which clouds in metres lie.
     spread: f64,
 }
 
-/// Decides by the names of the columns, or else by where the points would lie. Without a camera a table
-/// without names holds pixels if nearly all points lie in the image and do not crowd in a spot of it.
-/// With a camera it is a cloud if most points cannot be pixels, and holds pixels if all of them can and
-/// hardly any lies before the camera. Anything else is refused.
+/// Determines the meaning of the columns by their names, or else by the positions of the points. Without a camera, an
+/// unnamed table contains pixels if nearly all points are in the image and spread over it. With a camera, it is a cloud if
+/// most points cannot be pixels, and contains pixels if all points can be and hardly any is in front of the camera.
+/// Anything else is rejected.
 pub(super) fn meaning(
     path: &Path,
     table: &PointTable,
@@ -31,11 +30,11 @@ pub(super) fn meaning(
     size: (usize, usize),
     metres: f64,
 ) -> Result<ColumnMeaning> {
-    /// So few points of a list of pixels lie in the image by chance, taken as a cloud.
+    /// Largest share of pixel rows that fall into the image by chance when taken as a cloud.
     const CHANCE: f64 = 0.1;
-    /// Keypoints may lie a little outside, where an image was undistorted or cut.
+    /// Keypoints may be slightly outside an undistorted or cropped image.
     const NEARLY_ALL: f64 = 0.95;
-    /// A cloud in metres takes so few pixels: a room one or two hundredths of an image.
+    /// Largest extent of a cloud in metres, taken as pixels: a room extends over 1 or 2 % of an image.
     const CROWDED: f64 = 0.1;
     match table.columns {
         ColumnMeaning::Unnamed => {}
@@ -95,7 +94,7 @@ pub(super) fn meaning(
 
 impl ColumnEvidence {
     fn of(table: &PointTable, camera: Option<&Camera>, size: (usize, usize), metres: f64) -> Self {
-        /// So few may be the only ones of an image, wherever they are.
+        /// This few points may be all the points of an image, wherever they are.
         const FEW: usize = 8;
         let (mut deep, mut in_image, mut finite, mut seen) = (0_usize, 0_usize, 0_usize, 0_usize);
         let mut whole = true;
@@ -166,7 +165,7 @@ mod tests {
         let pixels = spread([0.0, 0.0, 1.0], [639.0, 479.0, 8.0]);
         let cloud = spread([-3.0, -2.0, 2.0], [3.0, 2.0, 8.0]);
         let scan = spread([-40.0, -40.0, -2.0], [40.0, 40.0, 5.0]);
-        // What lies right and below of the axis, near it, could be the first pixels too.
+        // Points close to the axis, to its lower right, could also be the first pixels.
         let corner = spread([0.0, 0.0, 2.0], [0.5, 0.5, 3.0]);
         let decide = |table, camera| meaning(Path::new("a.npy"), table, camera, SIZE, 1.0);
         assert_eq!(decide(&pixels, None).unwrap(), ColumnMeaning::Pixels);
@@ -210,8 +209,7 @@ mod tests {
                 "{name}"
             );
         }
-        // A few points may be anywhere, a sensor may see a spot, a laser a line, and keypoints may
-        // lie a little outside.
+        // A few points may be anywhere, a sensor may see a spot, a laser a line, and keypoints may be slightly outside.
         for (name, pixels) in [
             ("one point", table([[320.5, 240.25, 2.0]].into_iter())),
             ("the first pixel", table([[0.0, 0.0, 2.0]].into_iter())),
@@ -225,7 +223,7 @@ mod tests {
         ] {
             assert_eq!(decide(&pixels).unwrap(), ColumnMeaning::Pixels, "{name}");
         }
-        // Without a depth nothing can be told.
+        // Without depths there is no evidence.
         assert!(decide(&table([[1.0, 1.0, 0.0]].into_iter())).is_err());
     }
 

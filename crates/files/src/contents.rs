@@ -1,4 +1,4 @@
-//! What is in a file that nobody has described.
+//! Recognises the contents of an arbitrary file.
 
 use super::file_unit::FileUnit;
 use super::files::{
@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::foreign::check_foreign;
 use std::path::Path;
 
-/// What a file holds, by its ending and its first bytes.
+/// Contents of a file, by its extension and its first bytes.
 #[derive(Clone, Debug)]
 pub enum Contents {
     /// A colour image.
@@ -21,35 +21,35 @@ pub enum Contents {
         size: (usize, usize),
         /// Bits and channels.
         kind: String,
-        /// How it is turned upright.
+        /// How it is rotated upright.
         orientation: Orientation,
-        /// What should be checked.
+        /// What should be checked, a sentence each.
         remarks: Vec<String>,
     },
-    /// Depths by pixel.
+    /// A depth map.
     Map(Box<StoredMap>),
     /// A table of points.
     List {
         /// u, v in pixels and depth in metres of the points with a positive and finite depth.
         points: Vec<[f64; 3]>,
-        /// The others.
+        /// Number of other points.
         ignored: usize,
-        /// Whether they have standard deviations.
+        /// Whether the points have standard deviations.
         deviations: bool,
-        /// What the file is taken to be in.
+        /// Assumed unit of the file.
         unit: Unit,
-        /// Whether the file says that its columns are u, v and depth; they may be x, y and z.
+        /// Whether the columns are named u, v and depth; otherwise they may be x, y and z.
         named: bool,
     },
     /// A cloud.
     Cloud {
-        /// Points with finite coordinates.
+        /// Number of points with finite coordinates.
         count: usize,
-        /// The others.
+        /// Number of other points.
         ignored: usize,
-        /// Least x, y, z.
+        /// Smallest x, y, z.
         low: [f64; 3],
-        /// Greatest x, y, z.
+        /// Largest x, y, z.
         high: [f64; 3],
     },
     /// A sparse model of COLMAP.
@@ -59,11 +59,11 @@ pub enum Contents {
 }
 
 impl Contents {
-    /// Reads a file or the folder of a model. Without a unit integers are taken for millimetres,
-    /// other numbers for metres.
+    /// Reads a file or the folder of a model. Without a unit, integers are taken for millimetres and other numbers for
+    /// metres.
     ///
     /// # Errors
-    /// A file that is missing, damaged, or of no kind that is known.
+    /// The file is missing, damaged, or of an unknown kind.
     pub fn read(path: &Path, unit: Option<Unit>) -> Result<Self> {
         let is = |ending: &str| has_ending(path, ending);
         if path.is_dir() {
@@ -104,7 +104,7 @@ impl Contents {
             return Err(Error::format(path, "is of no kind that is known")
                 .hint("images, depth maps, tables and clouds of points, cameras, weights and recordings are read"));
         }
-        // As no image tells otherwise, three or four columns are a table.
+        // Without an image to compare with, an array of three or four columns counts as a table.
         match read_depth_file(path, unit.into(), |array| is_table(array, &[]))? {
             DepthFile::Map(map) => Ok(Self::Map(Box::new(map))),
             DepthFile::Table(table, _) if table.columns == ColumnMeaning::Space => {
@@ -137,7 +137,7 @@ impl Contents {
         }
     }
 
-    /// The depths in it, in metres, in no order: those of a map or a list.
+    /// Returns the depths of a map or a list in metres, in no particular order.
     pub fn depths(&self) -> Vec<f32> {
         match self {
             Self::Map(map) => map.depth.points().map(|point| point.depth).collect(),
@@ -157,7 +157,7 @@ impl Contents {
     }
 }
 
-/// The error of a folder that is no model, with what to do if it holds images.
+/// Error of a folder that is not a model, with a hint if it contains images.
 fn of_images(folder: &Path, error: Error) -> Error {
     match images_below(folder) {
         Ok(images) if !images.is_empty() => error.hint(format!(
@@ -169,7 +169,7 @@ fn of_images(folder: &Path, error: Error) -> Error {
     }
 }
 
-/// The error of a file that is no camera, with what it is if it is a report.
+/// Error of a file that is not a camera, with its kind if it is a report.
 fn of_report(path: &Path, error: Error) -> Error {
     let text = std::fs::read(path).unwrap_or_default();
     let value: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
@@ -188,10 +188,10 @@ fn of_report(path: &Path, error: Error) -> Error {
     error
 }
 
-/// The endings of cameras.
+/// File extensions of cameras.
 const CAMERAS: [&str; 4] = ["toml", "json", "yaml", "yml"];
 
-/// The bounds of the points of a cloud, which are visited by `visit_all`.
+/// Returns the bounds of the points of a cloud, which `visit_all` visits.
 fn read_bounds(visit_all: &mut dyn FnMut(&mut PointVisitor<'_>) -> Result<()>) -> Result<Contents> {
     let (mut count, mut ignored) = (0, 0);
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

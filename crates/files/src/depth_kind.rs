@@ -1,4 +1,4 @@
-//! Whether stored depths lie along the optical axis or along the ray.
+//! Whether stored depths are along the optical axis or along the ray.
 
 use crate::error::{Error, Result};
 use crate::{Camera, Unit};
@@ -6,7 +6,7 @@ use lsdc_core::Observation;
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// What stored depths measure.
+/// Definition of stored depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthKind {
     /// The depth along the optical axis, z.
@@ -15,12 +15,12 @@ pub enum DepthKind {
     Ray,
 }
 
-/// How stored depths are to be read, as far as the user says.
+/// Options for reading depths, as far as the user gave them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DepthReadOptions {
-    /// Their unit. Else millimetres for integers and metres for other numbers.
+    /// Unit; by default millimetres for integers and metres for other numbers.
     pub unit: Option<Unit>,
-    /// What they measure. Else depths along the axis.
+    /// Definition of the depths; by default along the optical axis.
     pub kind: Option<DepthKind>,
 }
 
@@ -53,8 +53,8 @@ impl Display for DepthKind {
     }
 }
 
-/// The observation whose depth was a distance along its ray: z = d / |K^-1 (u, v, 1)|, for every lens; the standard
-/// deviation shrinks alike. Nothing where the lens sees no such ray.
+/// Converts an observation with a distance along its ray to a depth: z = d / |K^-1 (u, v, 1)|, for every lens. The standard
+/// deviation is scaled equally. `None` if the lens has no ray for this pixel.
 pub(crate) fn along_axis(point: Observation, camera: &Camera) -> Option<Observation> {
     let length = length_of_ray([point.u, point.v], camera)?;
     let shorter = |value: f32| (f64::from(value) / length) as f32;
@@ -65,7 +65,7 @@ pub(crate) fn along_axis(point: Observation, camera: &Camera) -> Option<Observat
     })
 }
 
-/// The distance from the optical centre of what lies at depth 1 along the ray of a pixel; nothing where the lens sees no such ray.
+/// Returns the distance from the optical centre to depth 1 along the ray of a pixel; `None` if the lens has no ray for it.
 pub(crate) fn length_of_ray(pixel: [f64; 2], camera: &Camera) -> Option<f64> {
     let at = |depth| camera.unproject(pixel, depth);
     let (near, far) = (at(1.0)?, at(2.0)?);

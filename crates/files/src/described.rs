@@ -1,32 +1,32 @@
-//! A completion in numbers, by the names that `lsdc complete --json` and the service share: metres, and counts of pixels.
+//! Statistics of a completion, under the names that `lsdc complete --json` and the service share. Lengths are in metres.
 
 use crate::error::Result;
 use crate::{ColoredCloud, Sparse, Unit, png_unit, raised_in_png};
 use lsdc_core::{Completion, DepthMap, Outlier};
 use serde::{Serialize, Serializer};
 
-/// More points than this are tested for outliers only on request: the test takes several fits.
+/// Above this number of points, outlier tests need to be requested, because a test takes several fits.
 pub const MOST_TESTED: usize = 10_000;
 
-/// The points of a completion.
+/// Counts of the points of a completion.
 #[derive(Clone, Debug, Serialize)]
 pub struct DescribedPoints {
-    /// Points that were fitted.
+    /// Number of fitted points.
     pub used: usize,
-    /// NaN, infinite or not positive.
+    /// Number of points whose depth is NaN, infinite or not positive.
     pub ignored: usize,
-    /// Outside the image.
+    /// Number of points outside the image.
     pub outside: usize,
-    /// Behind others.
+    /// Number of points hidden behind others.
     pub hidden: usize,
-    /// The unit that their depths were stored in.
+    /// Unit of the stored depths.
     pub unit: String,
     /// Whether the unit is a guess.
     pub unit_guessed: bool,
 }
 
 impl DescribedPoints {
-    /// The counts of reading the points, and of their fit if one was made.
+    /// Takes the counts from reading the points, and from their fit if one was made.
     pub fn new(points: &Sparse, completion: Option<&Completion>) -> Self {
         let report = completion.map(Completion::report);
         Self {
@@ -40,24 +40,24 @@ impl DescribedPoints {
     }
 }
 
-/// A depth map.
+/// Statistics of a depth map.
 #[derive(Clone, Debug, Serialize)]
 pub struct DescribedDepth {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// The nearest depth.
+    /// Nearest depth.
     pub lowest: f32,
-    /// The farthest.
+    /// Farthest depth.
     pub highest: f32,
-    /// Pixels whose depth was limited to ten times the range of the points.
+    /// Number of pixels whose depth was clamped to ten times the range of the points.
     #[serde(skip_serializing_if = "is_zero")]
     pub clamped: usize,
 }
 
 impl DescribedDepth {
-    /// Nothing of a map without depths.
+    /// Returns the statistics of a map; `None` if it has no depths.
     pub fn new(map: &DepthMap, clamped: usize) -> Option<Self> {
         let (lowest, highest) = map.range()?;
         Some(Self {
@@ -70,28 +70,28 @@ impl DescribedDepth {
     }
 }
 
-/// Counts the pixels of a map of a completion whose depth was limited to ten times the range of the points; at
+/// Counts the pixels of a completed map whose depth was clamped to ten times the range of the points; at
 /// [`Quality::Best`](lsdc_core::Quality::Best), in either fit.
 pub fn clamped_pixels(completion: &Completion, map: &DepthMap) -> usize {
     completion.clamped_pixels(map)
 }
 
-/// A 16-bit PNG of depths.
+/// Statistics of a 16-bit depth PNG.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct DescribedPng {
-    /// Its unit; in JSON, how many units make a metre.
+    /// Unit of the PNG; in JSON, the number of units per metre.
     #[serde(rename = "png_units_per_metre", serialize_with = "per_metre")]
     pub unit: Unit,
-    /// Pixels that hold one unit, as they are nearer than half of it.
+    /// Number of pixels that are raised to one unit because their depth is less than half of it.
     #[serde(rename = "png_raised", skip_serializing_if = "is_zero")]
     pub raised: usize,
 }
 
 impl DescribedPng {
-    /// The PNG of a map.
+    /// Chooses the unit of a map and counts raised pixels.
     ///
     /// # Errors
-    /// A depth that does not fit.
+    /// A depth does not fit.
     pub fn new(map: &DepthMap) -> Result<Self> {
         let unit = png_unit(map)?;
         let raised = raised_in_png(map, unit.metres());
@@ -103,18 +103,18 @@ fn per_metre<S: Serializer>(unit: &Unit, serializer: S) -> std::result::Result<S
     serializer.serialize_f64(1.0 / unit.metres())
 }
 
-/// What a cloud has of the pixels.
+/// Pixel counts of a cloud.
 #[derive(Clone, Debug, Serialize)]
 pub struct DescribedCloud {
-    /// Points.
+    /// Number of points.
     pub points: usize,
-    /// Pixels that are left out because they are too uncertain.
+    /// Number of pixels left out as too uncertain.
     pub uncertain: usize,
-    /// Pixels that are left out because the lens does not look there.
+    /// Number of pixels left out because the lens has no ray for them.
     pub unseen: usize,
-    /// Pixels that are left out because they lie between the surfaces at a depth edge.
+    /// Number of pixels left out because they are between the surfaces at a depth edge.
     pub flying: usize,
-    /// Pixels that share a voxel with an earlier one.
+    /// Number of pixels that share a voxel with an earlier one.
     pub merged: usize,
 }
 
@@ -130,48 +130,51 @@ impl From<&ColoredCloud> for DescribedCloud {
     }
 }
 
-/// A fit.
+/// Statistics of a fit.
 #[derive(Clone, Debug, Serialize)]
 pub struct DescribedFit {
-    /// What was fitted.
+    /// Fitted model.
     pub method: &'static str,
-    /// Root mean square at the points.
+    /// Root mean square residual at the points.
     pub residual: f64,
-    /// The same without outliers, if points were judged.
+    /// `residual` without outliers, if outliers were tested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residual_inliers: Option<f64>,
-    /// Root mean square of the leave-one-out errors (PRESS), if points were judged.
+    /// Root mean square of the leave-one-out errors (PRESS), if outliers were tested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leave_one_out: Option<f64>,
-    /// The same without outliers, if points were judged: the error to expect between the points.
+    /// `leave_one_out` without outliers, if outliers were tested: the error to expect between the points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leave_one_out_inliers: Option<f64>,
-    /// Points that were found to be outliers, if points were judged.
+    /// Outlier count, if outliers were tested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outliers: Option<usize>,
-    /// The number of standard deviations that hold 95 % of errors, if standard deviations are asked for.
+    /// Number of standard deviations that cover 95 % of errors, if standard deviations were requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deviations_of_95: Option<f64>,
-    /// Points that were smoothed by their standard deviations before the fit.
+    /// Number of points that were smoothed by their standard deviations before the fit.
     #[serde(skip_serializing_if = "is_zero")]
     pub smoothed: usize,
-    /// Pixels in holes of dense depths at which basis functions contradicted the depths around.
+    /// Number of pixels in holes of dense depths at which basis functions contradicted the surrounding depths.
     #[serde(skip_serializing_if = "is_zero")]
     pub limited: usize,
-    /// Directions that the points determine.
+    /// Number of directions that the points determine.
     pub rank: usize,
-    /// Basis functions, of which that many directions at most are determined.
+    /// Number of basis functions, an upper bound of `rank`.
     pub functions: usize,
-    /// How far the guide was trusted, if there was one; 0: not at all.
+    /// Prior standard deviation of the weights of the guide's functions, in units of the scene's scale, if there was a guide; 0
+    /// if the points do not support it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guide_trust: Option<f64>,
-    /// How far the map goes from the joint fit, 0, to the median of this, the field alone and the surface of the points, 1.
+    /// Position of the map between the joint fit (0) and the median of the joint fit, the field alone and the surface of
+    /// the points (1).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub median_share: Option<f64>,
 }
 
 impl DescribedFit {
-    /// Of a completion, with what its points were judged to be; `deviations`: standard deviations are asked for.
+    /// Collects the statistics of a completion and of its outlier test. `deviations` is whether standard deviations were
+    /// requested.
     pub fn new(
         completion: &Completion,
         leave_one_out: Option<f64>,
@@ -201,7 +204,7 @@ impl DescribedFit {
     }
 }
 
-/// Root mean square of the errors of the points that are no outliers and were used; nothing if there is none.
+/// Returns the root mean square of the errors of used inliers; `None` if there are none.
 fn without(outliers: &[Outlier], mut errors: Vec<f64>) -> Option<f64> {
     for outlier in outliers {
         errors[outlier.index] = f64::NAN;

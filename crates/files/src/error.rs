@@ -1,8 +1,8 @@
-//! One error type, classified by cause, for files and for the program.
+//! A single error type, classified by cause, for files and for the program.
 
 use std::path::Path;
 
-/// What a failure is about; decides the exit code of the program.
+/// Cause of a failure; it determines the exit code of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Cause {
@@ -10,25 +10,25 @@ pub enum Cause {
     Read,
     /// A file or folder cannot be written.
     Write,
-    /// A server cannot be reached, or does not have what it should.
+    /// A server cannot be reached, or does not have the expected file.
     Network,
     /// A file is damaged or is not of the expected format.
     Format,
-    /// A file holds more than is read.
+    /// The contents of a file exceed a limit.
     TooLarge,
-    /// Sizes or shapes do not go together.
+    /// Sizes or shapes do not match.
     Shape,
     /// A setting is unknown or out of range.
     Config,
-    /// Network weights do not belong to the network.
+    /// Network weights do not match the network.
     Weights,
     /// A compute device cannot be used.
     Device,
-    /// The least-squares problem has no answer.
+    /// The least-squares problem has no solution.
     Fit,
 }
 
-/// An error: its cause, one sentence that says what is wrong and where, and often what to do.
+/// An error: its cause, one sentence that states what is wrong and where, and often a hint.
 #[derive(Debug, thiserror::Error)]
 #[error("{message}")]
 pub struct Error {
@@ -42,7 +42,7 @@ pub struct Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// An error of the given cause; `message` is one sentence without a full stop.
+    /// Creates an error with a cause; `message` is one sentence without a full stop.
     pub fn new(cause: Cause, message: impl Into<String>) -> Self {
         Self {
             cause,
@@ -52,47 +52,47 @@ impl Error {
         }
     }
 
-    /// `path` cannot be read.
+    /// Returns the error for a `path` that cannot be read.
     pub fn read(path: &Path, source: std::io::Error) -> Self {
         Self::new(Cause::Read, format!("cannot read `{}`", path.display())).because(source)
     }
 
-    /// `path` cannot be written.
+    /// Returns the error for a `path` that cannot be written.
     pub fn write(path: &Path, source: std::io::Error) -> Self {
         Self::new(Cause::Write, format!("cannot write `{}`", path.display())).because(source)
     }
 
-    /// `path` is damaged or not of the expected format.
+    /// Returns the error for a `path` that is damaged or not of the expected format.
     pub fn format(path: &Path, what: impl std::fmt::Display) -> Self {
         Self::new(Cause::Format, format!("`{}`: {what}", path.display()))
     }
 
-    /// Sizes or shapes do not go together.
+    /// Returns the error for sizes or shapes that do not match.
     pub fn shape(message: impl Into<String>) -> Self {
         Self::new(Cause::Shape, message)
     }
 
-    /// A setting is unknown or out of range.
+    /// Returns the error for a setting that is unknown or out of range.
     pub fn config(message: impl Into<String>) -> Self {
         Self::new(Cause::Config, message)
     }
 
-    /// Weights do not belong to the network.
+    /// Returns the error for weights that do not match the network.
     pub fn weights(message: impl Into<String>) -> Self {
         Self::new(Cause::Weights, message)
     }
 
-    /// A compute device cannot be used.
+    /// Returns the error for a compute device that cannot be used.
     pub fn device(message: impl Into<String>) -> Self {
         Self::new(Cause::Device, message)
     }
 
-    /// The least-squares problem has no answer.
+    /// Returns the error for a least-squares problem without a solution.
     pub fn fit(message: impl Into<String>) -> Self {
         Self::new(Cause::Fit, message)
     }
 
-    /// Adds what to do about it.
+    /// Adds a hint on what to do.
     #[must_use]
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
         self.hint = Some(hint.into());
@@ -106,7 +106,7 @@ impl Error {
         self
     }
 
-    /// An error of the core, about the file or setting that `what` names.
+    /// Converts an error of the core; `what` names the file or setting.
     pub fn of_core(error: lsdc_core::Error, what: impl std::fmt::Display) -> Self {
         let inner = Self::from(error);
         Self {
@@ -115,12 +115,12 @@ impl Error {
         }
     }
 
-    /// What the failure is about.
+    /// Returns the cause.
     pub fn cause(&self) -> Cause {
         self.cause
     }
 
-    /// The error and its causes on one line.
+    /// Returns the error and its sources on one line.
     pub fn with_causes(&self) -> String {
         let mut text = self.message.clone();
         let mut source = std::error::Error::source(self);
@@ -133,7 +133,7 @@ impl Error {
         text
     }
 
-    /// What to do about it, where that is known.
+    /// Returns the hint on what to do, if there is one.
     pub fn advice(&self) -> Option<&str> {
         self.hint.as_deref()
     }

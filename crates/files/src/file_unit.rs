@@ -3,7 +3,7 @@
 use super::Unit;
 use crate::checks::{NumberType, implausible_unit};
 
-/// The unit of a file, and what it was inferred from.
+/// The unit of a file, and the number type it was inferred from.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FileUnit {
     pub(super) unit: Unit,
@@ -11,7 +11,7 @@ pub(super) struct FileUnit {
 }
 
 impl FileUnit {
-    /// The declared unit, or else millimetres for integers and metres for other numbers.
+    /// Returns the declared unit, or else millimetres for integers and metres for other numbers.
     pub(super) fn new(declared: Option<Unit>, numbers: NumberType) -> Self {
         let default_unit = match numbers {
             NumberType::Integers { .. } => Unit::MILLIMETRE,
@@ -23,14 +23,14 @@ impl FileUnit {
         }
     }
 
-    /// Whether the unit is a guess. Metres of floats are none, as every form of them is documented to be in metres; they
-    /// become one if there is a [warning](Self::warning).
+    /// Whether the unit is a guess. Metres of floats are not, because all their formats are documented to be in metres;
+    /// they count as a guess if there is a [warning](Self::warning).
     pub(super) fn is_guessed(self) -> bool {
         self.guessed_from
             .is_some_and(|numbers| numbers != NumberType::Floats)
     }
 
-    /// Why the guess may be wrong, by the depths in metres that it leads to.
+    /// Returns why the guess may be wrong, given the resulting depths in metres.
     pub(super) fn warning(self, depths: Vec<f32>) -> Option<String> {
         let numbers = self.guessed_from?;
         if depths.is_empty() {

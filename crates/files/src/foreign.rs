@@ -1,4 +1,4 @@
-//! Files of kinds that are not read, recognised to say what to do with them.
+//! Recognises unsupported kinds of files, to give a hint for them.
 
 use crate::error::{Error, Result};
 use crate::files::has_ending;
@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 
-/// The endings of videos.
+/// File extensions of videos.
 const VIDEOS: [&str; 10] = [
     "mp4", "mov", "mkv", "avi", "webm", "m4v", "mpg", "mpeg", "wmv", "flv",
 ];
@@ -17,12 +17,12 @@ const HEIC: [&[u8; 4]; 8] = [
 ];
 const AVIF: [&[u8; 4]; 2] = [b"avif", b"avis"];
 
-/// Passes files of kinds that may be read, and those that cannot be opened.
+/// Accepts files that may be supported, and files that cannot be opened.
 ///
 /// # Errors
-/// A video, HEIC, AVIF or GIF, by its first bytes or its ending; the hint converts it.
+/// The file is a video, HEIC, AVIF or GIF, by its first bytes or its extension; the hint converts it.
 pub fn check_foreign(path: &Path) -> Result<()> {
-    // What is read from a pipe is lost.
+    // Bytes read from a pipe would be lost.
     if !path.is_file() {
         return Ok(());
     }

@@ -1,32 +1,32 @@
-//! Grids of pixels that cover the same view. Places count from the centre of the first pixel, as in
-//! OpenCV: a grid covers `-0.5..length - 0.5`.
+//! Pixel grids of the same view. Positions count from the centre of the first pixel, as in OpenCV: a grid covers
+//! `-0.5..length - 0.5`.
 
 pub(super) use lsdc_core::cloud::pixel;
 
-/// More pixels than any image has that fits into memory as depths: 1 GiB of them.
+/// Largest number of pixels of an image: 1 GiB of depths.
 const MOST: usize = 1 << 28;
 
-/// Where on `to` pixels lies what is at `position` on `from` pixels of the same view.
+/// Converts a position on `from` pixels to one on `to` pixels of the same view.
 pub(super) fn rescaled(position: f64, from: usize, to: usize) -> f64 {
     (position + 0.5) * (to as f64 / from.max(1) as f64) - 0.5
 }
 
-/// Whether two sizes (width, height) are of the same shape, but for the rounding to whole pixels.
+/// Whether two sizes (width, height) have the same shape, up to rounding to whole pixels.
 pub(super) fn same_shape(a: (usize, usize), b: (usize, usize)) -> bool {
-    /// Room for the rounding of the division.
+    /// Tolerance for the rounding of the division.
     const ROUNDING: f64 = 1e-9;
     let factors = [b.0 as f64 / a.0 as f64, b.1 as f64 / a.1 as f64];
     let least = a.0.min(a.1).min(b.0).min(b.1) as f64;
     (factors[0] / factors[1] - 1.0).abs() * least <= 1.0 + ROUNDING
 }
 
-/// Whether an image of this size can be handled at all.
+/// Whether an image of this size can be processed.
 pub(super) fn is_plausible((width, height): (usize, usize)) -> bool {
     width.checked_mul(height).is_some_and(|area| area <= MOST)
 }
 
-/// The pixels whose centres are nearest to a place of the grid: several where it is equally far from
-/// them, as the centre of a larger pixel is, so that none of them is preferred.
+/// Returns the pixels whose centres are nearest to a position on the grid: several if it is equally far from them, as the
+/// centre of a larger pixel is, so that none is preferred.
 pub(super) fn nearest_pixels(
     [u, v]: [f64; 2],
     (width, height): (usize, usize),

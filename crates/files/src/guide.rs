@@ -1,4 +1,4 @@
-//! Dense predictions of depth by other programs, as guides of a completion.
+//! Dense depth predictions of other programs, as guides of a completion.
 
 use super::file_unit::FileUnit;
 use super::files::{has_ending, stored_unit};
@@ -10,12 +10,12 @@ use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// A file of a guide, or a folder of such files, and what the values mean.
+/// A file with a guide, or a folder of such files, and the meaning of their values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GuideSource {
     /// The file or folder.
     pub path: PathBuf,
-    /// What its values mean.
+    /// Meaning of the values.
     pub kind: GuideKind,
 }
 
@@ -25,7 +25,7 @@ const KINDS: [(&str, GuideKind); 3] = [
     ("log", GuideKind::Log),
 ];
 
-/// The endings of files that guides are read from.
+/// File extensions of guides.
 pub const GUIDE_ENDINGS: [&str; 9] = [
     "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "h5", "hdf5",
 ];
@@ -63,10 +63,10 @@ impl Display for GuideSource {
 }
 
 impl GuideSource {
-    /// The file for an image of this name below its folder; the file itself, if it is no folder.
+    /// Returns the guide of an image by its name: a file below the folder, or the path itself if it is a file.
     ///
     /// # Errors
-    /// A folder that has no guide of that name, or several.
+    /// The folder has no guide of that name, or several.
     pub fn file_for(&self, name: &Path) -> Result<PathBuf> {
         if !self.path.is_dir() {
             return Ok(self.path.clone());
@@ -92,20 +92,20 @@ impl GuideSource {
         }
     }
 
-    /// Reads the guide of a frame of this name: a file of it below the folder.
+    /// Reads the guide of a frame of this name from the folder.
     ///
     /// # Errors
     /// As [`Self::file_for`] and [`Self::read`].
     pub fn read_for(&self, frame: &str) -> Result<(DepthGuide, Vec<Warning>)> {
-        // Whatever follows the last dot of an image's name is taken for its ending.
+        // Anything after the last dot of the name of an image is taken for its extension.
         self.read(&self.file_for(Path::new(&format!("{frame}.")))?)
     }
 
-    /// Reads a file as a guide, and what should be checked of it. Values of 0 in files other than NumPy's mean that
-    /// there is none, as do marks of no measurement (but for logarithms).
+    /// Reads a file as a guide, with warnings. Pixels have no value if they are 0 in files other than NumPy's, or have a
+    /// value that marks missing measurements (except for logarithms).
     ///
     /// # Errors
-    /// A file that cannot be read, is no map, or holds no two different values.
+    /// The file cannot be read, is not a map, or does not have two different values.
     pub fn read(&self, file: &Path) -> Result<(DepthGuide, Vec<Warning>)> {
         let numpy = has_ending(file, "npy") || has_ending(file, "npz");
         if self.kind == GuideKind::Log && !numpy {
@@ -128,7 +128,7 @@ impl GuideSource {
         let values = if numpy {
             raster.values
         } else {
-            // Units do not matter.
+            // The unit does not matter.
             let unit = FileUnit::new(stored_unit(file), raster.numbers).unit;
             let value = |v: f32| if v > 0.0 { v } else { f32::NAN };
             let map = raster.scaled(unit.metres())?;
@@ -139,7 +139,7 @@ impl GuideSource {
         Ok((guide, warnings))
     }
 
-    /// The error of a file that cannot be read, with the kinds of guides if a colon may name one.
+    /// Adds the kinds of guides to the error of a file that cannot be read, if the path may name one after a colon.
     fn advised(&self, error: Error) -> Error {
         let named = self
             .path

@@ -1,9 +1,8 @@
-//! The files that images, depths, points, cameras and guides come in, and their writers.
+//! Readers and writers of the files of images, depths, points, cameras and guides.
 //!
 //! Depth maps as NumPy arrays, PNG, TIFF, EXR, PFM and HDF5; points as tables, PLY, PCD, LAS, Velodyne scans and COLMAP
-//! models; cameras as TOML, ROS and COLMAP files. What a file holds is recognised by its contents; what was assumed is
-//! said with the result ([`Sparse`]). Results are written to a temporary file that then takes the place of the
-//! old one.
+//! models; cameras as TOML, ROS and COLMAP files. Ambiguous contents are recognised, and assumptions are returned as
+//! remarks with the result ([`Sparse`]). Results are written to a temporary file, which then replaces the old one.
 //!
 //! ```no_run
 //! # fn main() -> lsdc_files::error::Result<()> {
@@ -14,7 +13,8 @@
 //! # }
 //! ```
 //!
-//! Maps and observations are those of `lsdc-core`; `lsdc-recordings` reads recordings of robots, `lsdc-weights` weights.
+//! Maps and observations are types of `lsdc-core`; `lsdc-recordings` reads recordings of robots, and `lsdc-weights` reads
+//! weights.
 
 mod camera;
 mod certain;

@@ -1,8 +1,8 @@
-//! How the pixels of an image file become the upright image (EXIF 2.32, tag 0x0112).
+//! The rotation of the pixels of an image file to the upright image (EXIF 2.32, tag 0x0112).
 
-/// The stored size of an image and how it is turned upright.
+/// Stored size of an image, and its rotation to the upright image.
 ///
-/// Cameras and COLMAP know the pixels as they are stored; what is shown, and completed, is upright.
+/// Cameras and COLMAP models refer to the pixels as stored; images are shown and completed upright.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Orientation {
     stored: (usize, usize),
@@ -10,15 +10,15 @@ pub struct Orientation {
 }
 
 impl From<(usize, usize)> for Orientation {
-    /// An image of this width and height that is stored upright.
+    /// Creates the orientation of an image of this width and height that is stored upright.
     fn from(stored: (usize, usize)) -> Self {
         Self { stored, exif: 1 }
     }
 }
 
 impl Orientation {
-    /// An image stored with this width and height whose EXIF record has this orientation, 1 to 8;
-    /// other values mean that it is upright.
+    /// Creates the orientation of an image of the stored width and height with this EXIF orientation, 1 to 8; other values
+    /// mean upright.
     pub fn new(stored: (usize, usize), exif: u8) -> Self {
         let exif = if (1..=8).contains(&exif) { exif } else { 1 };
         Self { stored, exif }
@@ -44,14 +44,14 @@ impl Orientation {
         self.exif == 1
     }
 
-    /// The same way to turn an image whose upright size is another.
+    /// Returns the same orientation for another upright size.
     #[must_use]
     pub(super) fn resized(&self, upright: (usize, usize)) -> Self {
         let stored = self.swapped(upright);
         Self { stored, ..*self }
     }
 
-    /// Width and height, or height and width if rows become columns.
+    /// Swaps width and height if rows become columns.
     fn swapped(&self, (width, height): (usize, usize)) -> (usize, usize) {
         if self.swaps() {
             (height, width)
@@ -60,12 +60,12 @@ impl Orientation {
         }
     }
 
-    /// Where in the upright image a stored place appears.
+    /// Converts a position in the stored image to the upright image.
     pub(super) fn turned(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         self.mirrored(if self.swaps() { [v, u] } else { [u, v] })
     }
 
-    /// Where a place of the upright image is stored.
+    /// Converts a position in the upright image to the stored image.
     pub(super) fn turned_back(&self, position: [f64; 2]) -> [f64; 2] {
         let [u, v] = self.mirrored(position);
         if self.swaps() { [v, u] } else { [u, v] }
@@ -76,7 +76,7 @@ impl Orientation {
         self.exif >= 5
     }
 
-    /// Turns the axes of the upright image around that run against those of the stored one.
+    /// Flips the axes of the upright image that are opposite to those of the stored one.
     fn mirrored(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         let (width, height) = self.upright();
         let across = matches!(self.exif, 2 | 3 | 6 | 7);

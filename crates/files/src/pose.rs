@@ -27,12 +27,12 @@ impl Pose {
         }
     }
 
-    /// The pose in the 3 or 4 rows of a matrix.
+    /// Reads the pose from the 3 or 4 rows of a matrix.
     ///
     /// # Errors
-    /// Another number of rows, or first columns that are no rotation, as text to follow a name.
+    /// The number of rows differs, or the first columns are not a rotation; the text follows a name.
     pub(crate) fn of_rows(rows: &[[f64; 4]]) -> Result<Self, String> {
-        /// How far the product with its transpose may be from one; files round.
+        /// Largest deviation from 1 of the product with its transpose; files contain rounded numbers.
         const NEAR: f64 = 1e-3;
         let (Some(&[a, b, c]), 3 | 4) = (rows.first_chunk(), rows.len()) else {
             return Err(format!(
@@ -75,7 +75,7 @@ impl Pose {
         }
     }
 
-    /// The angle to another rotation in degrees, and the distance between both origins in the world.
+    /// Returns the angle to another rotation in degrees, and the distance between both origins in the world.
     pub(crate) fn difference(self, other: Self) -> (f64, f64) {
         let squared_distance = |a: &[f64; 3], b: &[f64; 3]| {
             let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
@@ -97,7 +97,7 @@ pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The rotation matrix, row by row, of a quaternion x, y, z, w of length 1.
+/// Returns the rotation matrix, row by row, of a quaternion x, y, z, w of length 1.
 pub fn rotation_matrix([x, y, z, w]: [f64; 4]) -> [[f64; 3]; 3] {
     [
         [

@@ -1,22 +1,22 @@
-//! Numbers of pixels as a file stores them, before they become depths.
+//! Pixel values as stored in a file, before they are converted to depths.
 
 use crate::checks::{NumberFormat, NumberType, Warning, is_rotated, leave_out_marks, rotate_back};
 use crate::error::Result;
 use crate::file_unit::FileUnit;
 use crate::{DepthMap, Orientation, Unit};
 
-/// Numbers in rows, and what the file says of them.
+/// Values in rows, with metadata of the file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Raster {
     pub(crate) rows: usize,
     pub(crate) columns: usize,
-    /// Row by row.
+    /// Values, row by row.
     pub(crate) values: Vec<f32>,
-    /// What they are stored as.
+    /// Stored type.
     pub(crate) numbers: NumberType,
-    /// The value that the file declares as no measurement.
+    /// Value that the file declares as no measurement.
     pub(crate) declared: Option<f64>,
-    /// Whether 0 alone marks no measurement, as in files that this program wrote.
+    /// Whether only 0 marks missing measurements, as in files that this program wrote.
     pub(crate) plain: bool,
     pub(crate) warnings: Vec<Warning>,
 }
@@ -38,7 +38,7 @@ impl Raster {
         }
     }
 
-    /// The numbers of a file whose rows and columns are stored in one of the eight orientations of EXIF and TIFF.
+    /// Turns a raster upright that is stored in one of the eight orientations of EXIF and TIFF.
     pub(crate) fn upright(mut self, exif: u8) -> Self {
         let orientation = Orientation::new((self.columns, self.rows), exif);
         if orientation.is_upright() {
@@ -58,14 +58,14 @@ impl Raster {
         }
     }
 
-    /// The map in metres: number x `metres`. Marks of no measurement are left out.
+    /// Converts to a map in metres: value x `metres`. Values that mark missing measurements are left out.
     pub(crate) fn depth(mut self, metres: f64) -> Result<(DepthMap, Vec<Warning>)> {
         self.leave_out_marks(metres);
         Ok((self.scaled(metres)?, self.warnings))
     }
 
-    /// As [`Self::depth`] in a unit that the file does not declare. If it is a guess, the bits of SUN RGB-D are
-    /// rotated back.
+    /// [`Self::depth`] in a unit that the file does not declare. If the unit is a guess, the bits of SUN RGB-D are rotated
+    /// back.
     pub(crate) fn depth_in(mut self, known: FileUnit) -> Result<(DepthMap, Vec<Warning>)> {
         /// Half a metre in the numbers of SUN RGB-D.
         const ROOM: f32 = 4000.0;
@@ -96,7 +96,7 @@ impl Raster {
         self.warnings.extend(found);
     }
 
-    /// The numbers times `metres`, whatever they mark.
+    /// Multiplies all values by `metres`, without leaving out marks.
     pub(crate) fn scaled(&mut self, metres: f64) -> Result<DepthMap> {
         let mut values = std::mem::take(&mut self.values);
         for value in &mut values {
@@ -106,7 +106,7 @@ impl Raster {
     }
 }
 
-/// The median of the positive values; 0 of none.
+/// Returns the median of the positive values; 0 if there are none.
 fn median(values: &[f32]) -> f32 {
     let mut positive: Vec<f32> = values.iter().copied().filter(|v| *v > 0.0).collect();
     if positive.is_empty() {

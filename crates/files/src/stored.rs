@@ -1,4 +1,4 @@
-//! Depths as files hold them, before they meet an image: maps, and tables of points.
+//! Depths as stored in files, before they are matched to an image: maps, and tables of points.
 
 use super::files::{
     CLOUDS, ColumnMeaning, PointTable, TableRow, has_ending, read_array, read_exr, read_grey,
@@ -12,28 +12,28 @@ use crate::foreign::check_foreign;
 use crate::raster::Raster;
 use std::path::Path;
 
-/// A map of depths.
+/// A depth map.
 #[derive(Clone, Debug)]
 pub struct StoredMap {
-    /// In metres.
+    /// Depths in metres.
     pub depth: DepthMap,
-    /// The standard deviation of each depth in metres, if the file has them.
+    /// Standard deviation of each depth in metres, if the file has them.
     pub sigma: Option<DepthMap>,
     /// The unit of the file.
     pub unit: Unit,
-    /// `true` if the unit was inferred.
+    /// Whether the unit was inferred.
     pub guessed: bool,
-    /// What should be checked.
+    /// What should be checked, a sentence each.
     pub remarks: Vec<String>,
 }
 
 impl StoredMap {
-    /// The map of numbers that are in no file, row by row, such as those of a message. Marks of no measurement are left out.
-    /// Without a unit integers are millimetres and other numbers metres, which is no guess where a standard says so
-    /// (ROS REP 118), but doubted if the depths are implausible.
+    /// Creates a map from numbers, row by row, such as those of a message. Values that mark missing measurements are left
+    /// out. Without a unit, integers are millimetres and other numbers metres. This is a standard (ROS REP 118) and not a
+    /// guess, but there is a warning if the depths are implausible.
     ///
     /// # Errors
-    /// Another number of values than pixels.
+    /// The number of values differs from the number of pixels.
     pub fn of_numbers(
         (width, height): (usize, usize),
         values: Vec<f32>,
@@ -58,25 +58,25 @@ impl StoredMap {
     }
 }
 
-/// What a file holds.
+/// Contents of a file.
 pub(super) enum DepthFile {
     Map(StoredMap),
     /// Points in the unit of the file.
     Table(PointTable, FileUnit),
 }
 
-/// The endings of maps and tables.
+/// File extensions of maps and tables.
 pub(super) const DEPTHS: [&str; 13] = [
     "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "pgm", "h5", "hdf5", "csv", "txt", "xyz",
 ];
 
-/// The endings of everything that holds depths.
+/// File extensions of all files with depths.
 pub(super) fn endings() -> impl Iterator<Item = &'static str> {
     DEPTHS.into_iter().chain(CLOUDS)
 }
 
-/// Reads a file by its ending. Arrays for which `is_table` are tables. A unit that the file itself says
-/// stands where none is given.
+/// Reads a file by its extension. Arrays for which `is_table` returns true are tables. A unit declared in the file applies
+/// if none is given.
 pub(super) fn read_depth_file(
     path: &Path,
     options: DepthReadOptions,
@@ -120,7 +120,7 @@ pub(super) fn read_depth_file(
     }))
 }
 
-/// Reads the numbers of a file by its ending, and their standard deviations; nothing of tables.
+/// Reads the values of a file by its extension, and their standard deviations; `None` for tables.
 pub(super) fn read_raster(path: &Path) -> Result<Option<(Raster, Option<Raster>)>> {
     let is = |ending: &str| has_ending(path, ending);
     let alone = |raster: Raster| (raster, None);
@@ -153,7 +153,7 @@ pub(super) fn read_raster(path: &Path) -> Result<Option<(Raster, Option<Raster>)
     found.map(Some)
 }
 
-/// A warning if a file name denotes distances along the ray or inverse depths, or is one of Hypersim.
+/// Returns a warning if a file name denotes distances along the ray or inverse depths, or is one of Hypersim.
 fn kind_by_name(path: &Path) -> Option<Warning> {
     let name = path.file_stem()?.to_string_lossy();
     let hypersim =
@@ -209,11 +209,11 @@ mod tests {
             read.err().map(|error| error.to_string())
         };
         for ending in DEPTHS {
-            // There is no such file, but a reader for it.
+            // No such file exists, but the extension has a reader.
             let text = error(&format!("a.{ending}")).unwrap();
             assert!(!text.contains("no kind of depth file"), "{text}");
         }
-        // BMP has no grey of 16 bits, and its reader knows colours only.
+        // BMP has no 16-bit grey, and its reader supports only colours.
         for name in ["a.doc", "a.bmp"] {
             let text = error(name).unwrap();
             assert!(text.contains("no kind of depth file"), "{text}");

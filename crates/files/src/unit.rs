@@ -1,23 +1,22 @@
-//! In what depths are stored.
+//! Units of stored depths.
 
 use crate::error::{Error, Result};
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// How many stored units make a metre, if that is known.
+/// Number of stored units per metre, if known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unit(Option<f64>);
 
 impl Unit {
-    /// Metres as they are.
+    /// Metres.
     pub const METRE: Self = Self(Some(1.0));
-    /// What most 16-bit depth images hold.
+    /// Millimetres, the unit of most 16-bit depth images.
     pub const MILLIMETRE: Self = Self(Some(1000.0));
-    /// That of a reconstruction from images alone, whose scale nobody knows: it stays as it is.
+    /// Unit of a reconstruction from images alone, whose scale is unknown. It is kept.
     pub const MODEL: Self = Self(None);
 
-    /// Units with names: what is typed, and how many make a metre. KITTI, TUM and Virtual KITTI 2
-    /// say so in their development kits.
+    /// Names of units, and units per metre. Those of KITTI, TUM and Virtual KITTI 2 are from their development kits.
     const NAMED: [(&'static str, f64); 6] = [
         ("m", 1.0),
         ("cm", 100.0),
@@ -27,17 +26,17 @@ impl Unit {
         ("vkitti", 100.0),
     ];
 
-    /// The unit of which so many make a metre, if that is a positive number.
+    /// Returns the unit with this number of units per metre, if it is a positive number.
     pub fn per_metre(count: f64) -> Option<Self> {
         (count > 0.0 && count.is_finite()).then_some(Self(Some(count)))
     }
 
-    /// The unit of depths that were read in this unit: metres, or that of the model.
+    /// Returns the unit of depths after reading: metres, or the unit of the model.
     pub fn of_depths(self) -> &'static str {
         self.0.map_or("units", |_| "m")
     }
 
-    /// What stored numbers are multiplied by: metres to one unit, or 1 where that is not known.
+    /// Returns the factor from stored numbers to depths: metres per unit, or 1 if unknown.
     pub fn metres(self) -> f64 {
         self.0.map_or(1.0, |count| 1.0 / count)
     }
@@ -46,7 +45,7 @@ impl Unit {
 impl FromStr for Unit {
     type Err = Error;
 
-    /// A name, or how many make a metre.
+    /// Parses a name, or a number of units per metre.
     fn from_str(text: &str) -> Result<Self> {
         if let Some((_, count)) = Self::NAMED.iter().find(|(name, _)| *name == text) {
             return Ok(Self(Some(*count)));

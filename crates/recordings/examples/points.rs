@@ -1,4 +1,4 @@
-//! The points of every image of a recording, where its camera sees them: lines of stamp, u, v and depth.
+//! Prints the points of every image of a recording as its camera sees them: lines of stamp, u, v and depth.
 //!
 //!     cargo run --release -p lsdc-recordings --example points -- drive.mcap [--no-deskew]
 
@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let frames = Frames::of(&mut recording, &wanted)?;
     let mut out = std::io::BufWriter::new(stdout().lock());
     for frame in &frames.found {
-        // An image without a point in it is none to complete.
+        // An image without points is skipped.
         let Ok(loaded) = frames.read(&mut recording, frame)?.decode(&frames) else {
             continue;
         };

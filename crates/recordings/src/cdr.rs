@@ -1,16 +1,16 @@
-//! CDR, in which ROS 2 writes messages (OMG DDS-XTypes 1.3, 7.4): numbers aligned to their size, strings and
-//! sequences after their length.
+//! CDR, the encoding of ROS 2 messages (OMG DDS-XTypes 1.3, 7.4): numbers aligned to their size, strings and sequences
+//! prefixed by their length.
 
 use lsdc_files::error::{Cause, Error, Result};
 
-/// Reads a message; nothing is read beyond its end, and nothing is allocated for a length before it is known to be
-/// there.
+/// Reads a message without reading beyond its end. A length is checked against the remaining bytes before memory is
+/// allocated for it.
 pub(crate) struct CdrReader<'a> {
-    /// What follows the four bytes that say how it is written.
+    /// The bytes after the four-byte encapsulation header.
     body: &'a [u8],
     at: usize,
     big_endian: bool,
-    /// Larger numbers are aligned to this only.
+    /// Largest alignment of numbers.
     widest: usize,
 }
 
@@ -28,12 +28,12 @@ macro_rules! numbers {
 }
 
 impl<'a> CdrReader<'a> {
-    /// Of a whole message.
+    /// Starts reading a whole message.
     pub(crate) fn new(message: &'a [u8]) -> Result<Self> {
         let Some((&[0, kind, ..], body)) = message.split_first_chunk::<4>() else {
             return Err(damaged("does not begin as CDR does"));
         };
-        // CDR and, of its second version, what is written for types that never change.
+        // CDR and, of its second version, the encoding of final types.
         let (big_endian, widest) = match kind {
             0 => (true, 8),
             1 => (false, 8),
@@ -55,20 +55,20 @@ impl<'a> CdrReader<'a> {
 
     numbers!(u8 u8 u32 u32 i32 i32 f64 f64);
 
-    /// A string, which ends with a zero; what is no UTF-8 in it is replaced.
+    /// Reads a string, which ends with a zero. Invalid UTF-8 is replaced.
     pub(crate) fn string(&mut self) -> Result<String> {
         let bytes = self.bytes()?;
         let text = bytes.strip_suffix(&[0]).unwrap_or(bytes);
         Ok(String::from_utf8_lossy(text).into_owned())
     }
 
-    /// A sequence of bytes.
+    /// Reads a sequence of bytes.
     pub(crate) fn bytes(&mut self) -> Result<&'a [u8]> {
         let length = self.u32()? as usize;
         self.take(length)
     }
 
-    /// The length of a sequence, each of whose elements takes that many bytes at least.
+    /// Reads the length of a sequence whose elements have at least `least` bytes each.
     pub(crate) fn length(&mut self, least: usize) -> Result<usize> {
         let length = self.u32()? as usize;
         let left = self.body.len() - self.at;
@@ -80,7 +80,7 @@ impl<'a> CdrReader<'a> {
         Ok(length)
     }
 
-    /// So many numbers, without a length before them.
+    /// Reads `N` numbers without a length prefix.
     pub(crate) fn array<const N: usize>(&mut self) -> Result<[f64; N]> {
         let mut values = [0.0; N];
         for value in &mut values {
@@ -105,19 +105,19 @@ impl<'a> CdrReader<'a> {
     }
 }
 
-/// A message that is not what it should be; who reads it adds which it is.
+/// Error of a malformed message; the caller adds which message it is.
 pub(crate) fn damaged(what: impl Into<String>) -> Error {
     Error::new(Cause::Format, what)
 }
 
-/// Writes a message, the low bytes of numbers first.
+/// Writes a message in little-endian order.
 pub(crate) struct CdrWriter(Vec<u8>);
 
-/// How messages begin: CDR, the low bytes first.
+/// Encapsulation header of messages: little-endian CDR.
 const HEAD: [u8; 4] = [0, 1, 0, 0];
 
 impl CdrWriter {
-    /// With room for so many bytes.
+    /// Creates a writer with capacity for `bytes` bytes.
     pub(crate) fn with_capacity(bytes: usize) -> Self {
         let mut message = Vec::with_capacity(HEAD.len() + bytes);
         message.extend(HEAD);
@@ -146,7 +146,7 @@ impl CdrWriter {
         self.0.push(0);
     }
 
-    /// A sequence of bytes.
+    /// Writes a sequence of bytes.
     pub(crate) fn bytes(&mut self, bytes: impl ExactSizeIterator<Item = u8>) {
         self.u32(bytes.len() as u32);
         self.0.extend(bytes);
@@ -175,7 +175,7 @@ mod tests {
         writer.string("ab");
         writer.i32(-2);
         let message = writer.finish();
-        // After the head: 7, seven bytes of nothing, 0.5; 3, "ab", 0, one byte of nothing, -2.
+        // After the header: 7, seven bytes of padding, 0.5; 3, "ab", 0, one byte of padding, -2.
         assert_eq!(message.len(), 4 + 16 + 4 + 3 + 1 + 4);
         let mut reader = CdrReader::new(&message).unwrap();
         assert_eq!(reader.u8().unwrap(), 7);
@@ -192,7 +192,7 @@ mod tests {
         ];
         let mut reader = CdrReader::new(&big).unwrap();
         assert_eq!((reader.u8().unwrap(), reader.f64().unwrap()), (1, 0.5));
-        // The second version aligns eight bytes to four.
+        // The second version aligns eight-byte numbers to four bytes.
         let second = [0, 7, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xe0, 0x3f];
         let mut reader = CdrReader::new(&second).unwrap();
         assert_eq!((reader.u8().unwrap(), reader.f64().unwrap()), (1, 0.5));

@@ -1,11 +1,11 @@
-//! What the types of messages are made of, as recordings say it for programs that do not know them.
+//! Definitions of the message types, stored in recordings for programs that lack them.
 
 use crate::message::{DIAGNOSTIC_ARRAY, MessageType};
 
-/// The language of these texts.
+/// Name of the language of the definitions.
 pub(crate) const LANGUAGE: &str = "ros2msg";
 
-/// Between a type and those that it is made of.
+/// Separator between a type and the types of its fields.
 const NEXT: &str =
     "\n================================================================================\nMSG: ";
 
@@ -35,8 +35,8 @@ const STATUS: &str = "diagnostic_msgs/DiagnosticStatus\nbyte OK=0\nbyte WARN=1\n
     string name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values";
 const VALUE: &str = "diagnostic_msgs/KeyValue\nstring key\nstring value";
 
-/// The definition of a type that is read or written here, by its name, with all that it is made of: in the language `ros2msg`
-/// of MCAP.
+/// Returns the definition of a supported type by its name, with the types of its fields, in the language `ros2msg` of MCAP.
+/// `None` for other types.
 pub fn message_definition(name: &str) -> Option<String> {
     if name == DIAGNOSTIC_ARRAY {
         return Some([DIAGNOSTICS, HEADER, TIME, STATUS, VALUE].join(NEXT));
@@ -44,7 +44,7 @@ pub fn message_definition(name: &str) -> Option<String> {
     MessageType::of(name).map(definition)
 }
 
-/// The definition of a type, with all that it is made of.
+/// Returns the definition of a type, with the types of its fields.
 pub(crate) fn definition(kind: MessageType) -> String {
     let parts: &[&str] = match kind {
         MessageType::Image => &[IMAGE, HEADER, TIME],

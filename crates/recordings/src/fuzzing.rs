@@ -1,4 +1,4 @@
-//! What fuzzers and tests call: the readers of messages, without a recording, and a running robot.
+//! Entry points for fuzzers and tests: the message readers without a recording, and the frames of a running robot.
 
 use crate::frames::{FrameOptions, FrameTopics, LiveFrames, Receipt, timed};
 use crate::message::{
@@ -6,11 +6,11 @@ use crate::message::{
 };
 use std::time::Duration;
 
-/// The topics of [`live`]: compressed images, clouds, cameras, and transforms.
+/// Topics of [`live`]: compressed images, clouds, cameras, and transforms.
 pub const LIVE_TOPICS: [&str; 5] = ["/image", "/points", "/camera_info", "/tf", "/tf_static"];
 
-/// Sends messages to a running robot, one every millisecond: of each, the number of its topic in a byte, its length in two, and
-/// its bytes. Returns how many images were received and returned, and how many of these were decoded.
+/// Sends messages to [`LiveFrames`], one per millisecond. Each message is encoded as its topic number in one byte, its
+/// length in two, and its bytes. Returns the numbers of images received, images returned, and frames decoded.
 pub fn live(data: &[u8]) -> [u64; 3] {
     let patience = Duration::from_millis(20);
     let [image, points, info, tf @ ..] = LIVE_TOPICS;
@@ -50,8 +50,8 @@ pub fn live(data: &[u8]) -> [u64; 3] {
     [robot.counts().images, returned, decoded]
 }
 
-/// Reads a message of the type of that number, as what it may be; behind the last type, what a message of compressed depths
-/// holds. Says whether all of it could be read.
+/// Reads a message as the type of a number; the number after the last type selects the contents of a compressed depth
+/// message. Returns whether all of it could be read.
 pub fn message(number: u8, data: &[u8]) -> bool {
     let number = usize::from(number) % (MessageType::ALL.len() + 1);
     match MessageType::ALL.get(number) {
@@ -60,7 +60,7 @@ pub fn message(number: u8, data: &[u8]) -> bool {
     }
 }
 
-/// Reads a message as what it says to be, and what it could be taken for.
+/// Reads a message as its type and as the types that it could be mistaken for.
 pub(crate) fn read(kind: MessageType, data: &[u8]) -> bool {
     let _ = Header::of(data);
     match kind {

@@ -1,9 +1,9 @@
 //! Recordings of ROS 2, read and written without ROS: MCAP files and the SQLite bags of rosbag2.
 //!
-//! A [`Recording`] is visited message by message, and any message can be read again by its [`MessageLocation`]; it is never
-//! held whole. [`Survey`] counts what is in it. [`Frames`] finds the points that belong to each image: those nearest in time,
-//! seen from where the camera was ([`Transforms`]). [`LiveFrames`] does the same with the messages of a running robot.
-//! [`Writer`] writes MCAP.
+//! A [`Recording`] is visited message by message and never loaded whole; any message can be read again by its
+//! [`MessageLocation`]. [`Survey`] counts its messages. [`Frames`] pairs each image with the points nearest in time and
+//! moves them to the pose of the camera ([`Transforms`]). [`LiveFrames`] does the same with the messages of a running
+//! robot. [`Writer`] writes MCAP.
 //!
 //! ```no_run
 //! # fn main() -> lsdc_files::error::Result<()> {
@@ -18,7 +18,7 @@
 //! # }
 //! ```
 //!
-//! A decoded frame is what `lsdc-files` makes of files; `lsdc-core` completes it.
+//! A decoded frame has the same types as one that `lsdc-files` reads from files; `lsdc-core` completes it.
 
 mod cdr;
 mod container;

@@ -11,30 +11,30 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The endings of recordings.
+/// File extensions of recordings.
 const ENDINGS: [&str; 2] = ["mcap", "db3"];
-/// How files of SQLite begin.
+/// Magic bytes of SQLite files.
 const SQLITE: &[u8] = b"SQLite format 3\0";
-/// How bags of ROS 1 begin.
+/// Magic bytes of ROS 1 bags.
 const ROS_1: &[u8] = b"#ROSBAG V";
-/// The ending of files that rosbag2 packed as a whole.
+/// Extension of files that rosbag2 compressed as a whole.
 const PACKED: &str = "zstd";
-/// What describes the folder of a bag.
+/// File that describes the folder of a bag.
 const METADATA: &str = "metadata.yaml";
 
-/// A recording of ROS 2, which is read message by message and never held whole.
+/// A recording of ROS 2, which is read message by message and never loaded whole.
 pub struct Recording {
     path: PathBuf,
     files: Vec<Box<dyn Container>>,
-    /// Of all files together.
+    /// Size of all files together, in bytes.
     size: u64,
-    /// Files that the folder should have.
+    /// Files that the metadata lists and the folder lacks.
     missing_files: Vec<String>,
 }
 
 impl Recording {
-    /// Whether a path is that of a recording: a file of MCAP or SQLite by its ending, or a folder that holds any; or a bag of
-    /// ROS 1, which is not read.
+    /// Whether a path is a recording: an MCAP or SQLite file by its extension, or a folder that contains one. Also true for
+    /// a bag of ROS 1, which [`Self::open`] rejects.
     pub fn is_at(path: &Path) -> bool {
         is_recording(path)
             || has_ending(path, "bag")
@@ -45,7 +45,7 @@ impl Recording {
     /// Opens an MCAP file, an SQLite file of rosbag2, or the folder of a bag.
     ///
     /// # Errors
-    /// A path that cannot be read or holds no recording.
+    /// The path cannot be read, or is not a recording.
     pub fn open(path: &Path) -> Result<Self> {
         let (paths, missing_files) = if path.is_dir() {
             files_in(path)?
@@ -77,17 +77,17 @@ impl Recording {
         })
     }
 
-    /// Where it is.
+    /// Path of the recording.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Of all its files, in bytes.
+    /// Size of all files together, in bytes.
     pub fn size(&self) -> u64 {
         self.size
     }
 
-    /// The topics that are known before any message is read, by name: all, or none where the end of a file is missing.
+    /// Returns the topics that are known before any message is read, by name: all, or none if the end of a file is missing.
     pub fn topics(&self) -> Vec<Arc<Topic>> {
         let mut topics = BTreeMap::new();
         for file in &self.files {
@@ -102,11 +102,11 @@ impl Recording {
         topics.into_values().collect()
     }
 
-    /// Visits the messages of some topics in the order of the recording. Those of other topics may be skipped unread.
-    /// What cannot be read is passed over, and said with the result.
+    /// Visits the messages of the selected topics in the order of the recording. Other messages may be skipped unread.
+    /// Unreadable parts are skipped and returned as defects.
     ///
     /// # Errors
-    /// A file that cannot be read at all, and what `each` returns, which ends the visit.
+    /// A file cannot be read at all, or `each` returns an error, which ends the visit.
     pub fn visit(
         &mut self,
         is_selected: &dyn Fn(&Topic) -> bool,
@@ -126,7 +126,7 @@ impl Recording {
     /// Reads a message that was visited before.
     ///
     /// # Errors
-    /// A file that cannot be read, or has changed.
+    /// The file cannot be read, or has changed.
     pub fn read(&mut self, location: MessageLocation) -> Result<Vec<u8>> {
         let file = self.files.get_mut(location.file);
         let file = file.ok_or_else(|| Error::format(&self.path, "has fewer files than before"))?;
@@ -166,14 +166,14 @@ fn bag(path: &Path) -> Result<Box<dyn Container>> {
     .hint("build it with the feature `rosbag2`, or convert the bag to MCAP"))
 }
 
-/// Whether a name is that of a file of a recording, packed or not.
+/// Whether a name is that of a file of a recording, compressed or not.
 fn is_recording(path: &Path) -> bool {
     let is_one = |path: &Path| ENDINGS.iter().any(|ending| has_ending(path, ending));
     is_one(path) || has_ending(path, PACKED) && is_one(&path.with_extension(""))
 }
 
-/// The recordings in the folder of a bag, in the order that it describes; else by the numbers in their names. And those
-/// that it describes, but does not hold.
+/// Returns the recordings in the folder of a bag, in the order of its metadata or else by the numbers in their names, and
+/// the files that the metadata lists but the folder lacks.
 fn files_in(folder: &Path) -> Result<(Vec<PathBuf>, Vec<String>)> {
     let entries = std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))?;
     let mut found = Vec::new();

@@ -2,7 +2,7 @@
 
 use lsdc_files::rotation_matrix;
 
-/// A rotation, as a quaternion of length 1, and a translation after it.
+/// A rotation, as a quaternion of length 1, followed by a translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rigid {
     /// x, y, z, w.
@@ -11,13 +11,14 @@ pub struct Rigid {
 }
 
 impl Rigid {
-    /// What moves nothing.
+    /// The identity.
     pub const IDENTITY: Self = Self {
         rotation: [0.0, 0.0, 0.0, 1.0],
         translation: [0.0; 3],
     };
 
-    /// Of a quaternion (x, y, z, w) of any length but 0, if all numbers are finite.
+    /// Creates a transform from a quaternion (x, y, z, w), which is normalised. `None` if its length is 0 or any number is
+    /// not finite.
     pub fn new(rotation: [f64; 4], translation: [f64; 3]) -> Option<Self> {
         let length = dot(rotation, rotation).sqrt();
         let is_valid =
@@ -28,7 +29,7 @@ impl Rigid {
         })
     }
 
-    /// The motion that first does `first`, then this.
+    /// Returns the transform that applies `first`, then this one.
     #[must_use]
     pub fn after(self, first: Self) -> Self {
         let [ax, ay, az, aw] = self.rotation;
@@ -45,7 +46,7 @@ impl Rigid {
         }
     }
 
-    /// The motion back.
+    /// Returns the inverse transform.
     #[must_use]
     pub fn inverse(self) -> Self {
         let [x, y, z, w] = self.rotation;
@@ -59,7 +60,7 @@ impl Rigid {
         }
     }
 
-    /// Where a point goes.
+    /// Transforms a point.
     pub fn apply(self, point: [f64; 3]) -> [f64; 3] {
         let rows = self.matrix();
         let moved = |axis: usize| {
@@ -69,24 +70,24 @@ impl Rigid {
         [moved(0), moved(1), moved(2)]
     }
 
-    /// The rotation as a matrix, row by row.
+    /// Returns the rotation as a matrix, row by row.
     pub fn matrix(self) -> [[f64; 3]; 3] {
         rotation_matrix(self.rotation)
     }
 
-    /// The translation.
+    /// Returns the translation.
     pub fn translation(self) -> [f64; 3] {
         self.translation
     }
 
-    /// Between this (0) and another (1): a straight line, and the shortest rotation at an even speed (Shoemake 1985,
-    /// "Animating rotation with quaternion curves").
+    /// Interpolates between this transform (0) and another (1): a straight line, and the shortest rotation at constant
+    /// angular velocity (Shoemake 1985, "Animating rotation with quaternion curves").
     #[must_use]
     pub fn interpolate(self, other: Self, share: f64) -> Self {
-        /// Where the sine of the angle is lost in rounding, a straight line is as good.
+        /// Above this cosine, the sine of the angle is lost to rounding, and linear interpolation is as accurate.
         const ALIKE: f64 = 1.0 - 1e-12;
         let cosine = dot(self.rotation, other.rotation);
-        // A quaternion and its opposite are one rotation.
+        // A quaternion and its negative are the same rotation.
         let (cosine, sign) = (cosine.abs().min(1.0), cosine.signum());
         let (near, far) = if cosine > ALIKE {
             (1.0 - share, share)

@@ -1,8 +1,8 @@
-//! What was measured one after the other, found by its time.
+//! Measurements in a time series, found by their times.
 
 use crate::message::Timestamp;
 
-/// Measurements in the order of their times.
+/// Measurements sorted by time.
 #[derive(Clone, Debug)]
 pub(crate) struct TimeSeries<T>(Vec<(Timestamp, T)>);
 
@@ -13,25 +13,25 @@ impl<T> Default for TimeSeries<T> {
 }
 
 impl<T> TimeSeries<T> {
-    /// Of measurements in any order; of several at one time the first stays first.
+    /// Sorts measurements; of several at the same time the first stays first.
     pub(crate) fn new(mut found: Vec<(Timestamp, T)>) -> Self {
         found.sort_by_key(|(stamp, _)| *stamp);
         Self(found)
     }
 
-    /// Adds a measurement; of several at one time the first stays first.
+    /// Adds a measurement; of several at the same time the first stays first.
     pub(crate) fn insert(&mut self, stamp: Timestamp, found: T) {
         let after = self.0.partition_point(|(time, _)| *time <= stamp);
         self.0.insert(after, (stamp, found));
     }
 
-    /// Forgets the earliest, so that at most so many are left.
+    /// Drops the earliest measurements, so that at most `most` are left.
     pub(crate) fn keep_last(&mut self, most: usize) {
         let forgotten = self.0.len().saturating_sub(most);
         self.0.drain(..forgotten);
     }
 
-    /// Forgets what was measured before a time.
+    /// Drops the measurements before a time.
     pub(crate) fn forget_before(&mut self, stamp: Timestamp) {
         let kept = self.0.partition_point(|(time, _)| *time < stamp);
         self.0.drain(..kept);
@@ -49,7 +49,7 @@ impl<T> TimeSeries<T> {
         self.0.is_empty()
     }
 
-    /// That nearest to a time; of two as near the earlier.
+    /// Returns the measurement nearest to a time; of two at the same distance the earlier.
     pub(crate) fn nearest(&self, stamp: Timestamp) -> Option<&(Timestamp, T)> {
         let after = self.0.partition_point(|(time, _)| *time < stamp);
         let around = [after.checked_sub(1), Some(after)];
@@ -57,7 +57,7 @@ impl<T> TimeSeries<T> {
         around.min_by_key(|(time, _)| time.abs_diff(stamp))
     }
 
-    /// What was valid at a time: the last before, or else the first.
+    /// Returns the measurement valid at a time: the last one at or before it, or else the first.
     pub(crate) fn valid(&self, stamp: Timestamp) -> Option<&T> {
         let after = self.0.partition_point(|(time, _)| *time <= stamp);
         self.0.get(after.saturating_sub(1)).map(|(_, found)| found)

@@ -1,16 +1,16 @@
-//! What is in a recording: counted, message by message.
+//! Counts of the messages of a recording.
 
 use crate::{Defects, Recording, Topic};
 use lsdc_files::error::Result;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// What is in a recording.
+/// The contents of a recording.
 #[derive(Clone, Debug)]
 pub struct Survey {
-    /// By name.
+    /// Topics, by name.
     pub topics: Vec<TopicSummary>,
-    /// What is wrong with it.
+    /// Defects of the recording.
     pub defects: Defects,
 }
 
@@ -19,19 +19,19 @@ pub struct Survey {
 pub struct TopicSummary {
     /// The topic.
     pub topic: Arc<Topic>,
-    /// How many messages there are.
+    /// Number of messages.
     pub count: u64,
-    /// How many bytes they have, before any compression.
+    /// Size of the messages before compression, in bytes.
     pub bytes: u64,
-    /// When the first and the last were recorded, in nanoseconds.
+    /// When the first and the last message were recorded, in nanoseconds.
     pub times: Option<(u64, u64)>,
 }
 
 impl Survey {
-    /// Reads a recording from its beginning to its end.
+    /// Reads a recording from start to end.
     ///
     /// # Errors
-    /// A recording that cannot be read at all.
+    /// The recording cannot be read at all.
     pub fn of(recording: &mut Recording) -> Result<Self> {
         let empty = |topic: &Arc<Topic>| TopicSummary {
             topic: topic.clone(),
@@ -63,7 +63,7 @@ impl Survey {
         })
     }
 
-    /// When the first and the last message were recorded, in nanoseconds.
+    /// Returns when the first and the last message were recorded, in nanoseconds.
     pub fn times(&self) -> Option<(u64, u64)> {
         let times = self.topics.iter().filter_map(|summary| summary.times);
         times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
@@ -71,7 +71,7 @@ impl Survey {
 }
 
 impl TopicSummary {
-    /// Messages a second, if there are two.
+    /// Messages per second; `None` unless two messages were recorded at different times.
     pub fn rate(&self) -> Option<f64> {
         let (first, last) = self.times?;
         let seconds = (last - first) as f64 * 1e-9;

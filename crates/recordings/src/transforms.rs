@@ -1,73 +1,74 @@
-//! Where frames of reference are in each other at any time: what tf2 calls its buffer.
+//! Poses of frames of reference relative to each other at any time, like the buffer of tf2.
 
 use crate::message::{Timestamp, TransformStamped};
 use crate::rigid::Rigid;
 use lsdc_files::error::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
-/// The frame that robots measure their motion in, without jumps (ROS REP 105): where there is one, motion is measured in
-/// it.
+/// Frame in which robots measure their motion without jumps (ROS REP 105). If it exists, motion is measured in it.
 const ODOMETRY: &str = "odom";
 
 /// The transforms of a recording, or the last ones of a running robot.
 #[derive(Clone, Debug, Default)]
 pub struct Transforms {
-    /// By the frame that is in another one.
+    /// Links to the parents, by the child frame.
     links: BTreeMap<String, Link>,
-    /// Transforms of a frame that had another parent before. They are left out.
+    /// Number of transforms that were left out because their frame had another parent before.
     pub reparented: usize,
-    /// Transforms that hold at all times, but differ from one before, which they replace.
+    /// Number of static transforms that replaced a different one.
     pub replaced: usize,
-    /// What is kept of the transforms of a running robot.
+    /// Limits of the transforms that are kept, for a running robot.
     window: Option<Window>,
-    /// Changes of what is in what: new frames, and static transforms that differ.
+    /// Number of changes to the tree: new frames, and static transforms that differ.
     pub(crate) changes: usize,
-    /// Frames whose stamps went back, which starts their transforms anew.
+    /// Number of frames whose stamps went back, after which their earlier transforms are dropped.
     pub(crate) jumps: usize,
-    /// Transforms of frames beyond [`Window::FRAMES`], which are left out.
+    /// Number of transforms of frames beyond [`Window::FRAMES`], which are left out.
     pub(crate) crowded: usize,
 }
 
-/// The transforms that are kept while others follow.
+/// Limits of the transforms that are kept for a running robot.
 #[derive(Clone, Copy, Debug)]
 struct Window {
-    /// Nanoseconds before the newest transform of a frame.
+    /// Duration before the newest transform of a frame, in nanoseconds.
     length: u64,
 }
 
 impl Window {
-    /// Transforms of one frame: 2 kHz over 10 seconds.
+    /// Largest number of transforms of a frame: 2 kHz over 10 seconds.
     const SAMPLES: usize = 20_000;
-    /// Frames that are placed in others: more than any robot has, little enough for what is sent with ill intent.
+    /// Largest number of frames with a parent: more than any robot has, few enough for malicious input.
     const FRAMES: usize = 1024;
-    /// Stamps that go back by more are those of a clock that was set back, or of a recording that starts again. Less is
-    /// the disorder of a network.
+    /// Stamps that go back by more nanoseconds mean that a clock was set back, or a recording was restarted. Smaller steps
+    /// are messages out of order.
     const JUMP: i64 = 1_000_000_000;
 }
 
-/// Where a frame is in its parent.
+/// The pose of a frame in its parent over time.
 #[derive(Clone, Debug)]
 struct Link {
     parent: String,
     is_static: bool,
-    /// In the order of time, if it moves, and once they are sorted; else the last that was said.
+    /// Poses over time, in order once sorted; of a static frame, only the last one received.
     samples: Vec<(Timestamp, Rigid)>,
     /// The latest stamp of the samples.
     newest: Timestamp,
-    /// Motion is not interpolated between transforms further apart, in nanoseconds.
+    /// Longest time between two transforms over which motion is interpolated, in nanoseconds.
     max_gap: u64,
 }
 
 impl Link {
-    /// Motion is even between transforms at their usual rate. So many times the usual time between two may be missing: a
-    /// few lost messages, not the outage of an odometry.
+    /// Motion is interpolated across gaps up to this multiple of the usual interval: a few lost messages, not an outage of
+    /// the odometry.
     const GAP_FACTOR: u64 = 5;
-    /// Nanoseconds. An acceleration of 3 m/s² over a quarter of a second leaves a straight line by 2.3 cm (a t² / 8).
+    /// Smallest limit, in nanoseconds. An acceleration of 3 m/s² over a quarter of a second deviates from a straight line
+    /// by 2.3 cm (a t² / 8).
     const MIN_GAP: u64 = 250_000_000;
-    /// The same over 2 seconds: 1.5 m. Poses that are rarer say too little of a motion.
+    /// Largest limit, in nanoseconds. The same acceleration over 2 seconds deviates by 1.5 m, so that motion between rarer
+    /// poses is unknown.
     const MAX_GAP: u64 = 2_000_000_000;
 
-    /// The longest time between two transforms that motion is interpolated over: by the median time between all.
+    /// Returns the longest time between two transforms over which motion is interpolated, from the median interval.
     fn max_gap(samples: &[(Timestamp, Rigid)]) -> u64 {
         let times = samples.windows(2).map(|pair| pair[1].0.abs_diff(pair[0].0));
         let mut times: Vec<u64> = times.collect();
@@ -81,14 +82,14 @@ impl Link {
             .clamp(Self::MIN_GAP, Self::MAX_GAP)
     }
 
-    /// Forgets what is outside of the window once a transform of this time is added. Returns whether the clock was set back.
+    /// Drops transforms outside the window before one with this stamp is added. Returns whether the clock was set back.
     fn make_room(&mut self, stamp: Timestamp, window: Window) -> bool {
         let jumped = self.newest.saturating_sub(stamp) > Window::JUMP;
         if jumped {
             self.samples.clear();
             self.newest = stamp;
         }
-        // Twice as many for a while, so that it is not done for each.
+        // The window may hold twice as many, so that the cost is amortised.
         let newest = self.newest.max(stamp);
         let first = self.samples.first().map_or(stamp, |(time, _)| *time);
         if self.samples.len() >= 2 * Window::SAMPLES || newest.abs_diff(first) > 2 * window.length {
@@ -101,20 +102,20 @@ impl Link {
     }
 }
 
-/// The pose of a frame is not known at a time.
+/// The reason why the pose of a frame is unknown at a time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TransformGap {
     child: String,
     parent: String,
     /// Nanoseconds from the time to the nearest transform.
     distance: u64,
-    /// Nanoseconds between the transforms before and after the time, and how many there may be; none where it is before
-    /// the first or after the last.
+    /// Nanoseconds between the transforms before and after the time, and the limit; `None` if it is before the first or
+    /// after the last transform.
     between: Option<(u64, u64)>,
 }
 
 impl TransformGap {
-    /// Which kind of gap it is, for counting.
+    /// Returns the kind of gap, for counting.
     pub fn kind(&self) -> &'static str {
         match self.between {
             None => "without transforms at their time",
@@ -149,19 +150,20 @@ impl std::fmt::Display for TransformGap {
     }
 }
 
-/// The route from a frame to another one, over a third that both are in.
+/// The route from one frame to another, over a common ancestor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Route {
-    /// From each end, the frames on the way to the one that motion is measured in.
+    /// The frames from each end up to, but excluding, the one in which motion is measured.
     ends: [Vec<String>; 2],
-    /// How many of them lead to the first frame that both are in: enough where no time passes.
+    /// How many of them lead to the first common ancestor: sufficient if both times are equal.
     short: [usize; 2],
-    /// The frame that motion is measured in.
+    /// Frame in which motion is measured.
     fixed: String,
 }
 
 impl Transforms {
-    /// Those of a running robot: of each frame, the transforms of the given time before its newest are kept, in nanoseconds.
+    /// Creates a buffer for a running robot: for each frame, transforms older than its newest by `length` nanoseconds are
+    /// dropped.
     pub(crate) fn of_the_last(length: u64) -> Self {
         Self {
             window: Some(Window { length }),
@@ -169,7 +171,7 @@ impl Transforms {
         }
     }
 
-    /// Adds a transform, which is valid at all times if it is static.
+    /// Adds a transform. A static one is valid at all times.
     pub fn add(&mut self, found: TransformStamped, is_static: bool) {
         if self.window.is_some()
             && self.links.len() >= Window::FRAMES
@@ -208,13 +210,13 @@ impl Transforms {
         link.samples.push((found.stamp, found.rigid));
     }
 
-    /// Forgets the frames that move, for a clock that was set back.
+    /// Drops the frames that move, for a clock that was set back.
     pub(crate) fn forget_motion(&mut self) {
         self.links.retain(|_, link| link.is_static);
         self.changes += 1;
     }
 
-    /// The transforms of the frames on a route alone, ready for [`Self::between`].
+    /// Returns only the transforms of the frames on a route, ready for [`Self::between`].
     pub(crate) fn along(&self, route: &Route) -> Self {
         let frames = route.ends.iter().flatten();
         let links =
@@ -227,7 +229,7 @@ impl Transforms {
         found
     }
 
-    /// Whether there are transforms at or after both times, for all frames on a route that move between these.
+    /// Whether all moving frames on a route have transforms at or after their times.
     pub(crate) fn reach(&self, route: &Route, times: [Timestamp; 2]) -> bool {
         let same = times[0] == times[1];
         (0..2).all(|end| {
@@ -238,10 +240,10 @@ impl Transforms {
         })
     }
 
-    /// Makes ready for [`Self::between`], once all are there.
+    /// Prepares for [`Self::between`], after all transforms were added.
     pub fn sort(&mut self) {
         for link in self.links.values_mut() {
-            // Of two at the same time the later counts.
+            // Of two at the same time the later one received is kept.
             link.samples.reverse();
             link.samples.sort_by_key(|(stamp, _)| *stamp);
             link.samples.dedup_by_key(|(stamp, _)| *stamp);
@@ -249,7 +251,7 @@ impl Transforms {
         }
     }
 
-    /// The frames that are in another one, or that others are in.
+    /// Returns all frames, parents and children.
     pub fn frames(&self) -> impl Iterator<Item = &str> {
         let parents = self.links.values().map(|link| link.parent.as_str());
         let children = self.links.keys().map(String::as_str);
@@ -257,7 +259,7 @@ impl Transforms {
         all.into_iter()
     }
 
-    /// The frames from one up to that which is in no other; none twice.
+    /// Returns a frame and its ancestors up to the root; cycles end at the first repetition.
     fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
         let (mut found, mut seen) = (vec![frame], HashSet::from([frame]));
         while let Some(link) = found.last().and_then(|last| self.links.get(*last)) {
@@ -269,11 +271,11 @@ impl Transforms {
         found
     }
 
-    /// The way between two frames. Motion is measured in `fixed`, or in `odom` if both are in it, or else in the
-    /// topmost frame.
+    /// Returns the route between two frames. Motion is measured in `fixed`, or by default in `odom` if it is a common
+    /// ancestor, else in the root.
     ///
     /// # Errors
-    /// No transforms lead from one to the other, or not over `fixed`.
+    /// No transforms connect the frames, or not over `fixed`.
     pub fn route(&self, from: &str, to: &str, fixed: Option<&str>) -> Result<Route> {
         let ends = [self.ancestors(from), self.ancestors(to)];
         let shared = |frame: &str| ends.iter().all(|end| end.contains(&frame));
@@ -320,10 +322,10 @@ impl Transforms {
         })
     }
 
-    /// The motion that brings a point, in the first frame of a route at one time, into the last frame at another one.
+    /// Returns the transform from the first frame of a route at one time to the last frame at another.
     ///
     /// # Errors
-    /// The place of a frame on the way is not known at its time.
+    /// The pose of a frame on the route is unknown at its time.
     pub fn between(
         &self,
         route: &Route,
@@ -345,7 +347,7 @@ impl Transforms {
         route.ends.iter().flatten().any(moves)
     }
 
-    /// The pose of a frame in its parent at a time, interpolated between the transforms before and after it.
+    /// Returns the pose of a frame in its parent at a time, interpolated between the transforms before and after it.
     fn pose_at(&self, frame: &str, stamp: Timestamp) -> std::result::Result<Rigid, TransformGap> {
         let Some(link) = self.links.get(frame) else {
             return Ok(Rigid::IDENTITY);
@@ -366,7 +368,7 @@ impl Transforms {
             (_, Some((time, rigid))) if *time == stamp => Ok(*rigid),
             (Some((start, a)), Some((end, b))) => {
                 let (interval, elapsed) = (end.abs_diff(start), stamp.abs_diff(start));
-                // What stays where it was has not moved, however seldom that is said.
+                // Equal poses mean that the frame has not moved, however long the interval.
                 if interval > link.max_gap && a != *b {
                     let distance = elapsed.min(interval - elapsed);
                     return Err(gap(distance, Some((interval, link.max_gap))));
@@ -383,12 +385,13 @@ impl Transforms {
 }
 
 impl Route {
-    /// The frame that motion is measured in.
+    /// Returns the frame in which motion is measured.
     pub fn fixed(&self) -> &str {
         &self.fixed
     }
 
-    /// The frames from an end whose places matter. At one time, what is above the first common frame cancels out.
+    /// Returns the frames from an end whose poses matter. If both times are equal, the poses above the first common
+    /// ancestor cancel out.
     fn measured(&self, end: usize, at_one_time: bool) -> &[String] {
         let frames = &self.ends[end];
         let count = if at_one_time {
@@ -422,7 +425,7 @@ mod tests {
         tree.add(found, fixed);
     }
 
-    /// A car that drives at one unit of length a unit of time.
+    /// A car that moves by one unit of length per unit of time.
     fn car() -> Transforms {
         let mut tree = Transforms::default();
         for stamp in [20, 0, 10] {
@@ -445,20 +448,20 @@ mod tests {
         let route = tree.route("lidar", "camera", None).unwrap();
         assert_eq!(route.fixed(), "odom");
         assert_eq!(moved(&tree, &route, [5, 5]), -1.0);
-        // The camera looks later, when the car is three further.
+        // The image is taken later, when the car is three units further.
         assert_eq!(moved(&tree, &route, [5, 8]), -4.0);
         let gap = tree.between(&route, [5, 21]).unwrap_err();
         assert!(
             gap.to_string().contains("`base` has no place in `odom`"),
             "{gap}"
         );
-        // At one time the motion does not matter.
+        // If both times are equal, the motion does not matter.
         assert_eq!(moved(&tree, &route, [30, 30]), -1.0);
         let route = tree.route("lidar", "camera", Some("base")).unwrap();
         assert_eq!(moved(&tree, &route, [5, 8]), -1.0);
     }
 
-    /// 50 Hz with an outage of 30 s: what is near its ends is known no better than what is in the middle.
+    /// 50 Hz with an outage of 30 s: times near its ends are rejected as those in its middle.
     #[test]
     fn motion_is_not_interpolated_over_an_outage() {
         const SECOND: Timestamp = 1_000_000_000;
@@ -488,11 +491,11 @@ mod tests {
             at(&driven, 34.1).unwrap_err().kind(),
             "without transforms at their time"
         );
-        // Four lost messages are bridged, and so is what is measured once a second.
+        // Four lost messages are bridged, and so is a rate of 1 Hz.
         let mut lost = (0..10).chain(14..30).map(|step| step * SECOND / 20);
         assert!(at(&tree(&mut lost), 0.58).is_ok());
         assert!(at(&tree(&mut (0..10).map(|step| step * SECOND)), 4.5).is_ok());
-        // Two poses with nothing in between are an outage, but not for what has not moved.
+        // Two poses with nothing in between are an outage, unless they are equal.
         assert!(at(&tree(&mut [0, 30 * SECOND].into_iter()), 15.0).is_err());
         let mut still = Transforms::default();
         for stamp in [0, 30 * SECOND] {
@@ -500,7 +503,7 @@ mod tests {
         }
         still.sort();
         assert_eq!(at(&still, 15.0).unwrap(), 7.0);
-        // Stamps as far apart as there are.
+        // The largest possible interval.
         let ends = tree(&mut [Timestamp::MIN, Timestamp::MAX].into_iter());
         assert!(at(&ends, 1.0).is_err());
     }
@@ -526,7 +529,7 @@ mod tests {
             assert!(error.to_string().contains(from), "{error}");
             assert!(error.advice().is_some());
         }
-        // A frame is in itself, and circles end.
+        // A frame is its own ancestor, and cycles end.
         assert_eq!(
             moved(&tree, &tree.route("x", "x", None).unwrap(), [1, 2]),
             0.0
@@ -536,7 +539,7 @@ mod tests {
         assert!(tree.route("a", "camera", None).is_err());
     }
 
-    /// What is kept of a running robot, and a clock that is set back.
+    /// The window of a running robot, and a clock that is set back.
     #[test]
     fn a_window_forgets_what_is_old() {
         const SECOND: Timestamp = 1_000_000_000;
@@ -558,7 +561,7 @@ mod tests {
         assert!(some.between(&route, at(40)).is_err());
         assert!(tree.reach(&route, at(99)) && !tree.reach(&route, at(100)));
         assert!(tree.reach(&route, [at(200)[0]; 2]), "one time");
-        // What is late by less than a second stays in the window, what is earlier starts it anew.
+        // A transform that is late by less than a second is added; an earlier one clears the window.
         add(&mut tree, "odom", "base", 99 * SECOND + 1, 0.0, false);
         assert_eq!((tree.jumps, tree.reach(&route, at(99))), (0, true));
         drive(&mut tree, 100..200);

@@ -1,4 +1,4 @@
-//! Recordings that are written: MCAP, which appears under its name when it is complete.
+//! Writer of recordings: MCAP files, which appear under their names once complete.
 
 use crate::container::{Message, MessageTimes, Topic};
 use crate::definitions::{LANGUAGE, definition};
@@ -11,20 +11,20 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A recording on its way into a file.
+/// A recording that is being written.
 pub struct Writer {
     path: PathBuf,
     output: mcap::Writer<BufWriter<lsdc_files::AtomicFile>>,
-    /// By name, type and encoding.
+    /// Channels by topic name, type and encoding.
     channels: HashMap<(String, String, String), u16>,
-    /// Messages of each channel.
+    /// Number of messages of each channel.
     counts: HashMap<u16, u32>,
-    /// Topics whose recording does not say what their messages are made of, and that are not known here.
+    /// Number of topics without a definition, neither recorded nor known to this crate.
     undefined: usize,
 }
 
 impl Writer {
-    /// Begins a recording that will be at `path`; nothing is there before [`Self::finish`].
+    /// Starts a recording at `path`, which appears only on [`Self::finish`].
     ///
     /// # Errors
     /// The folder cannot be written.
@@ -34,7 +34,7 @@ impl Writer {
             .profile("ros2")
             .library(concat!("lsdc ", env!("CARGO_PKG_VERSION")))
             .chunk_size(Some(4 << 20))
-            // Depths hardly become smaller by more effort.
+            // Depths hardly compress better with more effort.
             .compression(Some(Compression::Lz4));
         let output = options
             .create(BufWriter::new(file))
@@ -48,7 +48,7 @@ impl Writer {
         })
     }
 
-    /// Writes a message of a type that is known.
+    /// Writes a message of a supported type.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -69,7 +69,7 @@ impl Writer {
         self.put(&topic, None, times, data)
     }
 
-    /// Writes a message of another recording as it is.
+    /// Copies a message of another recording unchanged.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -135,15 +135,15 @@ impl Writer {
         Ok(channel)
     }
 
-    /// Topics whose messages other programs may not be able to read: their recording does not say what they are made of.
+    /// Number of topics that other programs may be unable to decode, because the definition of their type is missing.
     pub fn undefined(&self) -> usize {
         self.undefined
     }
 
-    /// Completes the recording, and puts it in its place; on return it outlives a power failure.
+    /// Completes the recording and moves it to its path. On return it is safe from a power failure.
     ///
     /// # Errors
-    /// The file cannot be written; nothing is then there.
+    /// The file cannot be written; then no file appears.
     pub fn finish(mut self) -> Result<()> {
         self.output.finish().map_err(|e| unwritten(&self.path, e))?;
         let file = self.output.into_inner().into_inner();

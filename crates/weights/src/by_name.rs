@@ -10,7 +10,7 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::sync::LazyLock;
 
-/// The bytes of weights and their name: those of the program (borrowed), or a file, which takes precedence.
+/// Returns the bytes of weights and their name: those of the program (borrowed), or a file, which takes precedence.
 fn read(path: Option<&Path>) -> Result<(Cow<'static, [u8]>, String)> {
     let built_in = match path {
         None => embedded().first(),
@@ -31,15 +31,15 @@ fn read(path: Option<&Path>) -> Result<(Cow<'static, [u8]>, String)> {
     Ok((bytes.into(), path.display().to_string()))
 }
 
-/// The name that stands for no network at all.
+/// Name that selects no network.
 const NONE: &str = "none";
 
-/// Whether `--weights` asks for no network at all: a constant, a guide, and a field along the colours of the image.
+/// Whether `--weights` selects no network: a constant, a guide, and a field along the colours of the image.
 pub fn names_no_network(path: Option<&Path>) -> bool {
     path.is_some_and(|path| path == Path::new(NONE) && !path.exists())
 }
 
-/// The settings of the fit of weights; without a network, those of the default weights.
+/// Returns the settings of the fit of weights; without a network, those of the default weights.
 ///
 /// # Errors
 /// As for [`open_weights`].
@@ -48,10 +48,10 @@ pub fn weights_fit(path: Option<&Path>) -> Result<FitConfig> {
     Ok(open_weights(path)?.fit()?.unwrap_or_default())
 }
 
-/// A short name of the weights that [`open_weights`] would read: changes with every bit of them.
+/// Returns a short name of the weights that [`open_weights`] would read; it depends on every bit of them.
 ///
 /// # Errors
-/// A file that cannot be read.
+/// The file cannot be read.
 pub fn weights_name(path: Option<&Path>) -> Result<String> {
     if names_no_network(path) {
         return Ok("no network".to_owned());
@@ -64,10 +64,10 @@ pub fn weights_name(path: Option<&Path>) -> Result<String> {
     Ok(format!("`{name}`{origin}, {}", hash_text(&bytes)))
 }
 
-/// The weights that [`open_weights`] would read by their contents alone, wherever they lie.
+/// Returns the hash of the contents of the weights that [`open_weights`] would read, regardless of their path.
 ///
 /// # Errors
-/// A file that cannot be read.
+/// The file cannot be read.
 pub fn weights_hash(path: Option<&Path>) -> Result<String> {
     if names_no_network(path) {
         return Ok(NONE.to_owned());
@@ -75,7 +75,7 @@ pub fn weights_hash(path: Option<&Path>) -> Result<String> {
     Ok(hash_text(&read(path)?.0))
 }
 
-/// Returns the weights of the program that have these contents, a [`weights_hash`].
+/// Returns the weights of the program with these contents, a [`weights_hash`].
 pub fn embedded_with(contents: &str) -> Option<&'static Embedded> {
     static HASHES: LazyLock<Vec<String>> = LazyLock::new(|| {
         let all = embedded().iter();
@@ -89,10 +89,10 @@ fn hash_text(bytes: &[u8]) -> String {
     format!("{:016x}", hash(&[bytes]))
 }
 
-/// Weights from a file, or of the program: by name, or the default.
+/// Reads weights from a file, or those of the program by name or by default.
 ///
 /// # Errors
-/// A file that cannot be read or is no weights file.
+/// The file cannot be read or is not a weights file.
 pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
     let (bytes, name) = read(path)?;
     if is_system(&bytes) {
@@ -104,11 +104,11 @@ pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
     Weights::from_bytes(&bytes).map_err(|e| Error::of_core(e, format!("`{name}`")))
 }
 
-/// Opens weights from a file, or those that come with the program, for the CPU; `none` is no network at all. Nothing guides
-/// their scenes: see [`guided_by_head`](crate::guided_by_head).
+/// Opens weights from a file, or those of the program, for the CPU; `none` selects no network. Their scenes are not guided:
+/// see [`guided_by_head`](crate::guided_by_head).
 ///
 /// # Errors
-/// A file that cannot be read or is no weights file, or an encoder that is not installed.
+/// The file cannot be read or is not a weights file, or a required encoder is not installed.
 pub fn open_completer(path: Option<&Path>) -> Result<Completer> {
     if names_no_network(path) {
         return Ok(Completer::without_network(weights_fit(path)?)?);
@@ -116,10 +116,10 @@ pub fn open_completer(path: Option<&Path>) -> Result<Completer> {
     completer(&open_weights(path)?)
 }
 
-/// The metadata that only files of the systems have that this method is compared with.
+/// Metadata key that only files of the systems have that this method is compared with.
 pub const SYSTEM_NOTE: &str = "system";
 
-/// Whether a file holds weights of such a system, as far as can be told without reading all of it.
+/// Whether a file contains weights of such a system, judging by its header.
 pub fn is_system(bytes: &[u8]) -> bool {
     SafeTensors::read_metadata(bytes).is_ok_and(|(_, metadata)| {
         let about = metadata.metadata().as_ref();

@@ -1,4 +1,4 @@
-//! Weights that are part of this library.
+//! Weights built into this library.
 
 #[cfg(feature = "weights")]
 use super::from_safetensors;
@@ -13,20 +13,20 @@ use lsdc_core::{Result, Weights};
 #[cfg(feature = "weights")]
 use std::path::Path;
 
-/// Weights that come with the program.
+/// Weights built into the program.
 #[derive(Clone, Copy, Debug)]
 pub struct Embedded {
-    /// What `--weights` takes.
+    /// Argument of `--weights`.
     pub name: &'static str,
-    /// What they are for.
+    /// Purpose of the weights.
     pub about: &'static str,
-    /// Under which licence, by its SPDX expression: what they contain of other networks keeps its own.
+    /// Licence, as an SPDX expression; parts from other networks keep their own.
     pub licence: &'static str,
-    /// A safetensors file.
+    /// Contents of a safetensors file.
     pub bytes: &'static [u8],
 }
 
-/// Those of the features of this library.
+/// Weights of the enabled features.
 static EMBEDDED: &[Embedded] = &[
     #[cfg(feature = "weights")]
     Embedded {
@@ -51,7 +51,7 @@ static EMBEDDED: &[Embedded] = &[
     },
 ];
 
-/// The tensor of the depth head of Depth Anything V2 Small that was learned by the authors of lsdc.
+/// Tensor of the depth head of Depth Anything V2 Small that was trained by the authors of lsdc.
 #[cfg(feature = "weights")]
 static DEPTH_HEAD: &[u8] = include_bytes!("../weights/depth_head.safetensors");
 
@@ -65,18 +65,18 @@ impl Embedded {
     }
 }
 
-/// Returns the weights of this library, the default first. Without the feature `weights`, there is `small` alone with
-/// `weights-small`, or none.
+/// Returns the weights of this library, the default first. Without the feature `weights`, only `small` if `weights-small`
+/// is enabled.
 pub fn embedded() -> &'static [Embedded] {
     EMBEDDED
 }
 
-/// Returns the weights of this library that have a name.
+/// Returns the weights of this library with a name.
 pub fn named(name: &str) -> Option<&'static Embedded> {
     EMBEDDED.iter().find(|weights| weights.name == name)
 }
 
-/// The tensor `depth_head.resize_layers.3.weight` of this library; none without the feature `weights`.
+/// Returns the tensor `depth_head.resize_layers.3.weight` of this library; `None` without the feature `weights`.
 pub(super) fn resize_layer() -> Option<Tensor> {
     #[cfg(feature = "weights")]
     {

@@ -1,15 +1,14 @@
-//! Results that the weights of the program are known to give.
+//! Reference results of the weights of the program.
 
 use crate::known::sha256;
 use std::sync::LazyLock;
 
-/// Depth maps, standard deviations and scores for rooms, and a guide by a tiny network: `tests/golden_depths.rs` of the
+/// Depth maps, standard deviations and scores for rooms, and a guide by a tiny network. `tests/golden_depths.rs` of the
 /// program fails if it computes others, until this file is updated.
 static RESULTS: &[u8] = include_bytes!("../golden/depths.safetensors");
 
-/// Identifies what this version computes, by results that it is known to compute: a change of numerics changes it, a
-/// change of code or version does not. Results that were kept can be used again if it and the instruction set are the
-/// same.
+/// Identifies the numerics of this version by its reference results: a change of numerics changes the identity, a change of
+/// code or version does not. Cached results can be reused if the identity and the instruction set are the same.
 ///
 /// ```
 /// assert_eq!(lsdc_weights::golden().len(), 64);

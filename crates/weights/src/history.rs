@@ -1,4 +1,4 @@
-//! What weights were made from: a record inside their file, with an entry for every command that made or changed them.
+//! The origin of weights: a record in their file, with an entry for every command that made or changed them.
 
 use crate::error::{Error, Result};
 use crate::{embedded, open_weights, provenance, weights_hash};
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fmt::{Display, Formatter};
 use std::path::Path;
 
-/// The note of a weights file that holds the entries, the oldest first.
+/// Note of a weights file with the entries, the oldest first.
 const NOTE: &str = "history";
 
 /// One command that made or changed the weights.
@@ -18,40 +18,40 @@ pub struct HistoryEntry {
     /// The command.
     #[serde(rename = "by")]
     pub command: String,
-    /// The program and its numerics.
+    /// Version and numerics of the program.
     pub program: Value,
-    /// The weights that it started from, or learned from.
+    /// Weights that it started or learned from.
     #[serde(rename = "of", default)]
     pub sources: Vec<SourceWeights>,
-    /// The frames.
+    /// Training frames.
     #[serde(default)]
     pub data: Value,
-    /// All settings, seeds among them.
+    /// All settings, including seeds.
     #[serde(default)]
     pub settings: Value,
-    /// Seconds of computing, without interruptions.
+    /// Computing time in seconds, without interruptions.
     #[serde(default)]
     pub seconds: f64,
-    /// When it was over, as ISO 8601 in UTC.
+    /// Time of completion, as ISO 8601 in UTC.
     pub ended: String,
 }
 
-/// Weights that others were made from.
+/// Weights from which others were made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceWeights {
-    /// What they were: `start`, `teacher`, `backbone`.
+    /// Role: `start`, `teacher`, `backbone`.
     pub role: String,
-    /// How they were called: a file, or a name of the program.
+    /// Given name: a file, or a name of the program.
     pub weights: String,
-    /// Changes with every bit of them.
+    /// Hash of the contents.
     pub contents: String,
-    /// What they were made from, unless the entries before this one are their history.
+    /// History of these weights, unless it is in the entries before this one.
     #[serde(default)]
     pub history: Vec<HistoryEntry>,
 }
 
 impl HistoryEntry {
-    /// The entry of a command that ends now.
+    /// Creates the entry of a command that ends now.
     pub fn now(command: &str) -> Self {
         Self {
             command: command.to_owned(),
@@ -66,10 +66,10 @@ impl HistoryEntry {
 }
 
 impl SourceWeights {
-    /// Weights of that name without their history, which is in the entries before.
+    /// Records weights without their history, which is in the entries before.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// The file cannot be read.
     pub fn without_history(role: &str, path: Option<&Path>) -> Result<Self> {
         let first = embedded().first().map_or("default", |weights| weights.name);
         let name = path.unwrap_or(Path::new(first));
@@ -81,10 +81,10 @@ impl SourceWeights {
         })
     }
 
-    /// Weights of that name.
+    /// Records weights with their history.
     ///
     /// # Errors
-    /// A file that cannot be read, or is no weights file.
+    /// The file cannot be read, or is not a weights file.
     pub fn open(role: &str, path: &Path) -> Result<Self> {
         Ok(Self {
             history: read(&open_weights(Some(path))?.notes)?,
@@ -93,10 +93,10 @@ impl SourceWeights {
     }
 }
 
-/// The entries among the notes of weights, the oldest first; none if there is no such note.
+/// Returns the entries in the notes of weights, the oldest first; none if there is no such note.
 ///
 /// # Errors
-/// A record that cannot be read.
+/// The record cannot be read.
 pub fn read(notes: &BTreeMap<String, String>) -> Result<Vec<HistoryEntry>> {
     let Some(json) = notes.get(NOTE) else {
         return Ok(Vec::new());
@@ -106,10 +106,10 @@ pub fn read(notes: &BTreeMap<String, String>) -> Result<Vec<HistoryEntry>> {
     })
 }
 
-/// Adds entries to those that there are.
+/// Appends entries to the record.
 ///
 /// # Errors
-/// A record that cannot be read.
+/// The existing record cannot be read.
 pub fn add(
     notes: &mut BTreeMap<String, String>,
     entries: impl IntoIterator<Item = HistoryEntry>,
@@ -122,10 +122,10 @@ pub fn add(
     Ok(())
 }
 
-/// The entry of a command that changed weights, which it read from `path`.
+/// Creates the entry of a command that changed weights, which it read from `path`.
 ///
 /// # Errors
-/// A file that cannot be read.
+/// The file cannot be read.
 pub fn changed(command: &str, path: Option<&Path>, weights: &Weights) -> Result<HistoryEntry> {
     let fit = weights.fit()?;
     Ok(HistoryEntry {
@@ -135,7 +135,7 @@ pub fn changed(command: &str, path: Option<&Path>, weights: &Weights) -> Result<
     })
 }
 
-/// The entries as lines, those of other weights below the entry that they took part in.
+/// Formats the entries as lines; entries of source weights follow the entry that used them.
 pub fn lines(history: &[HistoryEntry]) -> Vec<String> {
     let mut lines = Vec::new();
     for entry in history {

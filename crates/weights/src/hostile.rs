@@ -1,4 +1,4 @@
-//! Checkpoints of `PyTorch` that declare what they do not have: memory is bounded by the length of the file.
+//! Malicious `PyTorch` checkpoints that declare more data than they have: memory is bounded by the length of the file.
 
 use crate::read_tensors;
 use lsdc_core::weights::Tensor;
@@ -8,7 +8,7 @@ use std::io::{Cursor, Write as _};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// A tensor as a pickle describes it: name, storage, shape and stride.
+/// A tensor as described in a pickle: name, storage, shape and stride.
 type Declared<'a> = (String, &'a str, &'a [u64], &'a [u64]);
 
 fn text(program: &mut Vec<u8>, text: &str) {
@@ -46,7 +46,7 @@ fn pickle(tensors: &[Declared<'_>]) -> Vec<u8> {
     program
 }
 
-/// Reads a file with these tensors, and so many bytes of zeros in each storage.
+/// Reads a file with these tensors, and with storages of zeros of these lengths.
 fn read(
     tensors: &[Declared<'_>],
     storages: &[(&str, usize)],

@@ -1,4 +1,4 @@
-//! The encoder that weights need, and the depth head on it, from the user's data folder.
+//! The encoder that weights need, and its depth head, from the user's data folder.
 
 use crate::embedded::resize_layer;
 use crate::known::sha256;
@@ -16,15 +16,15 @@ use std::sync::{Arc, OnceLock};
 /// Reads the encoder of the weights `anything` from the user's data folder.
 ///
 /// # Errors
-/// It was not added (the error says how large it is, under which licence, and the commands that install it), or its file
+/// The encoder is not installed (the error contains its size, its licence, and the commands that install it), or its file
 /// was damaged since.
 pub fn installed() -> Result<BTreeMap<String, Tensor>> {
     let [anything] = &KNOWN;
     Store::open()?.load(anything)
 }
 
-/// Returns the encoder that a network was trained on, prepared for the CPU; `None` if it needs none. It is prepared once in a
-/// process.
+/// Returns the encoder that a network was trained on, prepared for the CPU; `None` if it needs none. It is prepared once
+/// per process.
 ///
 /// # Errors
 /// As [`installed`].
@@ -35,22 +35,22 @@ pub fn encoder_of(network: &NetworkConfig) -> Result<Option<Arc<Encoder>>> {
     prepared_encoder().map(Some)
 }
 
-/// The encoder of the weights `anything`, prepared once in a process.
+/// Returns the encoder of the weights `anything`, prepared once per process.
 fn prepared_encoder() -> Result<Arc<Encoder>> {
     static PREPARED: OnceLock<Arc<Encoder>> = OnceLock::new();
     if let Some(encoder) = PREPARED.get() {
         return Ok(encoder.clone());
     }
-    // Without a lock: a thread of a pool that waits here for parts of its work could take up another call of this function.
+    // Without a lock, because a pool thread that waits here for its subtasks could start another call of this function.
     let encoder = Encoder::new(EncoderConfig::small(), &installed()?, Level::here())?;
     Ok(PREPARED.get_or_init(|| Arc::new(encoder)).clone())
 }
 
-/// Which tensor `depth_head.resize_layers.3.weight` of Depth Anything V2 Small is used.
+/// Variants of the tensor `depth_head.resize_layers.3.weight` of Depth Anything V2 Small.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ResizeLayer {
-    /// The tensor of this library, which was learned in the place of the published one. Results are measured with it. Without
-    /// the feature `weights`, that of the installed file.
+    /// The tensor of this library, trained in place of the published one. Published results use it. Without the feature
+    /// `weights`, that of the installed file.
     #[default]
     Learned,
     /// The published tensor.
@@ -58,10 +58,10 @@ pub enum ResizeLayer {
 }
 
 impl ResizeLayer {
-    /// Both.
+    /// Both variants.
     pub const ALL: [Self; 2] = [Self::Learned, Self::Published];
 
-    /// What `--head` takes.
+    /// Returns the argument of `--head`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Learned => "learned",
@@ -69,7 +69,7 @@ impl ResizeLayer {
         }
     }
 
-    /// Takes both tensors out of a head, which is in the file `path`, and returns this one.
+    /// Removes both tensors from a head read from the file `path`, and returns this one.
     fn take_from(self, head: &mut BTreeMap<String, Tensor>, path: &Path) -> Result<Tensor> {
         let learned = head.remove(LEARNED_LAYER);
         let published = head.remove(RESIZE_LAYER);
@@ -92,15 +92,15 @@ impl ResizeLayer {
 pub struct InstalledDepthAnything {
     /// The network.
     pub network: DepthAnything,
-    /// Changes with every bit of its tensors.
+    /// Hash of its tensors.
     pub hash: String,
 }
 
-/// Returns Depth Anything V2 Small from the user's data folder, prepared for the CPU. It is prepared once in a process, and
+/// Returns Depth Anything V2 Small from the user's data folder, prepared for the CPU. It is prepared once per process, and
 /// shares its encoder with the weights `anything`.
 ///
 /// # Errors
-/// It was not added, or without its depth head, or its files were damaged since.
+/// It is not installed, or without its depth head, or its files were damaged since.
 pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
     static PREPARED: [OnceLock<InstalledDepthAnything>; 2] = [const { OnceLock::new() }; 2];
     let place = match layer {
@@ -116,7 +116,7 @@ pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
         return Err(store.missing(known, "the guide `depth-anything` needs"));
     }
     let (head, chosen) = head_tensors(&store, layer)?;
-    // The other tensors have been compared with their identities.
+    // The identities of the other tensors have been checked.
     let fixed = known.head.map_or("", |head| head.identity);
     let tensors = format!("{} {fixed} {chosen}", known.identity);
     let head = DepthHead::new(&head, Level::here())?;
@@ -127,7 +127,7 @@ pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
     Ok(place.get_or_init(|| found).clone())
 }
 
-/// The tensors of the installed depth head, and the identity of the one that was chosen.
+/// Returns the tensors of the installed depth head, and the identity of the chosen one.
 fn head_tensors(store: &Store, layer: ResizeLayer) -> Result<(BTreeMap<String, Tensor>, String)> {
     let [known] = &KNOWN;
     let mut head = store.load_head(known)?;
@@ -138,10 +138,10 @@ fn head_tensors(store: &Store, layer: ResizeLayer) -> Result<(BTreeMap<String, T
     Ok((head, identity))
 }
 
-/// Returns the tensors of the depth head that [`guided_by_head`] uses, for other devices; nothing if it is not installed.
+/// Returns the tensors of the depth head that [`guided_by_head`] uses, for other devices; `None` if it is not installed.
 ///
 /// # Errors
-/// Files of the user's data folder that were damaged.
+/// Files in the user's data folder were damaged.
 pub fn installed_head() -> Result<Option<BTreeMap<String, Tensor>>> {
     let store = Store::open()?;
     if !head_exists(&store) {
@@ -151,12 +151,11 @@ pub fn installed_head() -> Result<Option<BTreeMap<String, Tensor>>> {
     Ok(Some(head))
 }
 
-/// Returns Depth Anything V2 Small for a network that reads its encoder: its depth head guides the scenes of such a network
-/// (see [`guided_by_head`]). Nothing for other networks, and if the head is not
-/// installed.
+/// Returns Depth Anything V2 Small for a network with its encoder, whose scenes its depth head guides (see
+/// [`guided_by_head`]). `None` for other networks, and if the head is not installed.
 ///
 /// # Errors
-/// Files of the user's data folder that were damaged.
+/// Files in the user's data folder were damaged.
 pub fn head_of(network: &NetworkConfig) -> Result<Option<InstalledDepthAnything>> {
     if network.extractor.encoder == 0 {
         return Ok(None);
@@ -164,8 +163,8 @@ pub fn head_of(network: &NetworkConfig) -> Result<Option<InstalledDepthAnything>
     head_if_installed()
 }
 
-/// The same completer, with scenes guided by the depth head of its encoder if that is installed: the encoder runs once for
-/// both. Other completers are returned as they are.
+/// Adds the depth head of the encoder as a guide of the scenes of a completer, if it is installed; the encoder runs once
+/// for both. Other completers are returned unchanged.
 ///
 /// # Errors
 /// As [`head_of`].
@@ -190,10 +189,10 @@ fn head_exists(store: &Store) -> bool {
     store.path(known).exists() && store.head_path(known).exists()
 }
 
-/// Prepares weights with the fit that they were trained for, and the encoder that they need, for the CPU.
+/// Prepares weights for the CPU, with the fit that they were trained for, and the encoder that they need.
 ///
 /// # Errors
-/// Weights that do not belong to their network, or as [`installed`].
+/// The weights do not match their network, or as [`installed`].
 pub fn completer(weights: &Weights) -> Result<Completer> {
     let builder = Completer::builder(weights);
     Ok(match encoder_of(&weights.network)? {

@@ -1,4 +1,4 @@
-//! Which encoders are known, and how one is recognised.
+//! Known encoders, and their identification.
 
 use super::names::{LEARNED_LAYER, RESIZE_LAYER};
 use half::f16;
@@ -11,39 +11,39 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// A published encoder, on which weights of the program are built.
+/// A published encoder that weights of the program are built on.
 #[derive(Clone, Copy, Debug)]
 pub struct KnownEncoder {
-    /// What the weights are called.
+    /// Name of the weights.
     pub weights: &'static str,
-    /// What the encoder is.
+    /// Name of the encoder.
     pub name: &'static str,
-    /// The licence of its values.
+    /// Licence of its values.
     pub licence: &'static str,
     /// [`identity`] of its tensors.
     pub identity: &'static str,
-    /// Its sizes.
+    /// Returns its sizes.
     pub sizes: fn() -> EncoderConfig,
-    /// Where it is published; the first is tried first.
+    /// Download addresses, in the order in which they are tried.
     pub urls: &'static [&'static str],
-    /// Bytes of a published file, to three digits.
+    /// Size of a published file in bytes, to three digits.
     pub download_bytes: u64,
-    /// The time that it adds to a completion.
+    /// Additional time of a completion.
     pub extra_time: &'static str,
-    /// The depth head that was published with it.
+    /// Depth head published with it.
     pub head: Option<KnownHead>,
 }
 
-/// The depth head of a published network, which the guide `depth-anything` needs beside the encoder.
+/// The depth head of a published network, which the guide `depth-anything` needs in addition to the encoder.
 #[derive(Clone, Copy, Debug)]
 pub struct KnownHead {
-    /// [`identity`] of its tensors, but for `depth_head.resize_layers.3.weight`, in whose place lsdc has a tensor of its own.
+    /// [`identity`] of its tensors, except for `depth_head.resize_layers.3.weight`, which lsdc replaces by its own.
     pub identity: &'static str,
-    /// Bytes that it takes in the data folder.
+    /// Size in the data folder, in bytes.
     pub bytes: u64,
 }
 
-/// The encoder of the weights `anything`.
+/// Encoder of the weights `anything`.
 pub const ANYTHING: KnownEncoder = KnownEncoder {
     weights: "anything",
     name: "Depth Anything V2 Small (ViT-S/14)",
@@ -62,11 +62,11 @@ pub const ANYTHING: KnownEncoder = KnownEncoder {
     }),
 };
 
-/// All of them.
+/// All known encoders.
 pub const KNOWN: [KnownEncoder; 1] = [ANYTHING];
 
 impl KnownEncoder {
-    /// The shapes of its tensors.
+    /// Returns the shapes of its tensors.
     pub(super) fn shapes(&self) -> BTreeMap<String, Vec<usize>> {
         let EncoderConfig {
             width,
@@ -107,7 +107,7 @@ impl KnownEncoder {
         shapes
     }
 
-    /// Bytes that it takes in the data folder, but for a header of some kilobytes.
+    /// Returns its size in the data folder in bytes, without a header of some kilobytes.
     pub fn bytes(&self) -> u64 {
         let counts = self.shapes().into_values();
         2 * counts
@@ -115,7 +115,7 @@ impl KnownEncoder {
             .sum::<u64>()
     }
 
-    /// The first tensor that has another shape than it should; `None` if all are as they should be.
+    /// Describes the first tensor with an unexpected shape; `None` if all shapes match.
     fn difference(&self, tensors: &BTreeMap<String, Tensor>) -> Option<String> {
         let shapes = self.shapes();
         let wrong = shapes.iter().find_map(|(name, shape)| {
@@ -134,9 +134,9 @@ impl KnownEncoder {
         })
     }
 
-    /// The file holds tensors of these shapes whose identity is `found`.
+    /// Error of a file with tensors of these shapes whose identity is `found`.
     fn other_values(&self, path: &Path, found: &str) -> Error {
-        // Enough to tell them apart.
+        // Long enough to distinguish them.
         let start = |identity: &str| identity.chars().take(12).collect::<String>();
         let Self { weights, name, .. } = self;
         let what = format!(
@@ -151,10 +151,10 @@ impl KnownEncoder {
     }
 }
 
-/// Which of `known` these tensors of the file `path` are.
+/// Returns the encoder among `known` with these tensors of the file `path`.
 ///
 /// # Errors
-/// None of them: the message says what was expected, and what was found.
+/// None matches: the message contains what was expected and found.
 pub fn recognise<'a>(
     path: &Path,
     tensors: &BTreeMap<String, Tensor>,
@@ -181,10 +181,10 @@ pub fn recognise<'a>(
     Err(Error::format(path, what).hint(format!("expected is a file from {}", urls.join(" or "))))
 }
 
-/// Which of `known` the depth head in the file `path` belongs to.
+/// Returns the encoder among `known` that the depth head in the file `path` belongs to.
 ///
 /// # Errors
-/// None of them.
+/// None matches.
 pub(super) fn recognise_head<'a>(
     path: &Path,
     head: &BTreeMap<String, Tensor>,
@@ -208,7 +208,7 @@ pub(super) fn recognise_head<'a>(
     )))
 }
 
-/// [`identity`] of the tensors of a depth head whose published values are known.
+/// Returns the [`identity`] of the tensors of a depth head with known published values.
 fn head_identity(head: &BTreeMap<String, Tensor>) -> String {
     let mut sum = IdentityHash::default();
     for (name, tensor) in head.iter().filter(|(name, _)| is_fixed(name)) {
@@ -217,13 +217,13 @@ fn head_identity(head: &BTreeMap<String, Tensor>) -> String {
     sum.text()
 }
 
-/// Whether a tensor counts for the identity of a network.
+/// Whether a tensor is part of the identity of a network.
 pub(super) fn is_fixed(name: &str) -> bool {
     name != RESIZE_LAYER && name != LEARNED_LAYER
 }
 
-/// SHA-256 over the names, shapes and values of tensors, rounded to half precision: the same for every container and
-/// precision of a network.
+/// Returns the SHA-256 of the names, shapes and values of tensors, rounded to half precision. It does not depend on the
+/// container and the precision of a network.
 pub fn identity(tensors: &BTreeMap<String, Tensor>) -> String {
     let mut sum = IdentityHash::default();
     for (name, tensor) in tensors {
@@ -232,12 +232,12 @@ pub fn identity(tensors: &BTreeMap<String, Tensor>) -> String {
     sum.text()
 }
 
-/// An [`identity`] in the making.
+/// Incremental computation of an [`identity`].
 #[derive(Default)]
 pub(super) struct IdentityHash(Sha256);
 
 impl IdentityHash {
-    /// Adds a tensor, by its values in half precision; names must come in their order.
+    /// Adds a tensor with its values in half precision; tensors must be added in the order of their names.
     pub(super) fn add(&mut self, name: &str, shape: &[usize], f16_bytes: &[u8]) {
         self.0.update(format!("{name} {}\n", shape_text(shape)));
         self.0.update(f16_bytes);
@@ -248,7 +248,7 @@ impl IdentityHash {
     }
 }
 
-/// The SHA-256 of bytes.
+/// Returns the SHA-256 of bytes.
 pub(super) fn sha256(bytes: &[u8]) -> String {
     hexadecimal(&Sha256::digest(bytes))
 }
@@ -262,7 +262,7 @@ fn hexadecimal(bytes: &[u8]) -> String {
     text
 }
 
-/// The values of a tensor in half precision, the least byte first.
+/// Returns the values of a tensor in half precision, little-endian.
 pub(super) fn f16_bytes(tensor: &Tensor) -> Vec<u8> {
     let mut rounded = vec![f16::ZERO; tensor.values().len()];
     rounded.convert_from_f32_slice(tensor.values());

@@ -1,7 +1,7 @@
 //! Weights by name, and the pretrained encoders that some of them need.
 //!
-//! The weights of the program are part of this library ([`embedded`]). Encoders, which others trained and published, are read
-//! from their published files, recognised by their values, and kept in the user's data folder ([`Store`]), where
+//! The weights of the program are built into this library ([`embedded`]). Encoders trained and published by others are read
+//! from their published files, identified by their values, and stored in the user's data folder ([`Store`]), where
 //! [`encoder_of`] finds them.
 //!
 //! ```
@@ -56,10 +56,10 @@ pub use onnx::{OPSET, to_onnx};
 pub use store::{FOLDER, Installation, Store, how_to_install};
 pub use write::{Precision, stored_bytes, to_bytes};
 
-/// The note of a weights file that holds the settings it was trained with.
+/// Note of a weights file with its training settings.
 pub const TRAINING_NOTE: &str = "training";
 
-/// The note of a weights file that holds its scores on frames kept out of training, at 500 points.
+/// Note of a weights file with its scores on held-out frames, at 500 points.
 pub const SCORES_NOTE: &str = "held_out";
 
 use error::{Error, Result};
@@ -70,24 +70,24 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use stored::FloatType;
 
-/// Larger files are no encoder of this kind.
+/// Size limit of a file with an encoder.
 const MAX_BYTES: u64 = 1 << 31;
 
-/// Reads the tensors of an encoder by `DINOv2`'s names, from a `PyTorch` file (`.pth`, `.pt`) or a safetensors file,
-/// with the names of `DINOv2`, Depth Anything or Hugging Face's transformers. Whatever else is in the file, such as a
-/// depth head, is left out.
+/// Reads the tensors of an encoder under `DINOv2`'s names, from a `PyTorch` file (`.pth`, `.pt`) or a safetensors file with
+/// the names of `DINOv2`, Depth Anything or Hugging Face's transformers. Other tensors in the file, such as a depth head,
+/// are left out.
 ///
 /// # Errors
-/// A file that cannot be read, is damaged, or holds no encoder.
+/// The file cannot be read, is damaged, or contains no encoder.
 pub fn read_encoder(path: &Path) -> Result<BTreeMap<String, Tensor>> {
     names::dinov2(path, read_tensors(path)?)
 }
 
-/// Reads all tensors of numbers with fractions by the names of the file, a `PyTorch` file (`.pth`, `.pt`) or a
-/// safetensors file.
+/// Reads all floating-point tensors of a `PyTorch` file (`.pth`, `.pt`) or a safetensors file, under their names in the
+/// file.
 ///
 /// # Errors
-/// A file that cannot be read or is damaged.
+/// The file cannot be read or is damaged.
 pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
     let bytes = read_bounded(path)?;
     if bytes.starts_with(b"PK") {
@@ -97,7 +97,7 @@ pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
     }
 }
 
-/// The bytes of a file that may hold an encoder.
+/// Returns the bytes of a file that may contain an encoder.
 fn read_bounded(path: &Path) -> Result<Vec<u8>> {
     let size = std::fs::metadata(path)
         .map_err(|e| Error::read(path, e))?
@@ -121,7 +121,7 @@ fn from_safetensors(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor
             Dtype::F32 => FloatType::F32,
             Dtype::F16 => FloatType::F16,
             Dtype::BF16 => FloatType::Bf16,
-            // Counters of batches and the like.
+            // Batch counters and the like.
             _ => continue,
         };
         let tensor = Tensor::new(view.shape().to_vec(), kind.values(view.data()));

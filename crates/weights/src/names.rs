@@ -1,4 +1,4 @@
-//! The names that different programs give to the tensors of one encoder.
+//! Names that different programs give to the tensors of an encoder.
 
 use lsdc_core::network::DEPTH_HEAD;
 use lsdc_core::weights::Tensor;
@@ -6,13 +6,13 @@ use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What stands before the names of an encoder in larger networks.
+/// Prefixes of the names of an encoder in larger networks.
 const PREFIXES: [&str; 5] = ["pretrained.", "backbone.", "dinov2.", "model.", "module."];
-/// The tensor that every encoder has.
+/// Tensor that every encoder has.
 const PATCHES: &str = "patch_embed.proj.weight";
-/// Needed in training only.
+/// Tensor that is only needed in training.
 const UNUSED: &str = "mask_token";
-/// Tensors of queries, keys and values, which `DINOv2` has in one.
+/// Tensors of queries, keys and values, which `DINOv2` stores as one.
 const QKV_PARTS: [[&str; 3]; 2] = [
     [
         "attention.attention.query",
@@ -21,7 +21,7 @@ const QKV_PARTS: [[&str; 3]; 2] = [
     ],
     ["attention.q_proj", "attention.k_proj", "attention.v_proj"],
 ];
-/// Names of transformers, and those of `DINOv2`.
+/// Names in transformers, and in `DINOv2`.
 const RENAMED: [(&str, &str); 9] = [
     ("embeddings.cls_token", "cls_token"),
     ("embeddings.mask_token", "mask_token"),
@@ -33,17 +33,17 @@ const RENAMED: [(&str, &str); 9] = [
     ("layer_scale2.lambda1", "ls2.gamma"),
     ("layernorm", "norm"),
 ];
-/// The tensor of a depth head that was learned by the authors of lsdc, in the place of [`RESIZE_LAYER`].
+/// Tensor of a depth head that was trained by the authors of lsdc to replace [`RESIZE_LAYER`].
 pub(super) const LEARNED_LAYER: &str = "learned.resize_layers.3.weight";
-/// The published tensor in whose place another was learned.
+/// Published tensor that [`LEARNED_LAYER`] replaces.
 pub(super) const RESIZE_LAYER: &str = "depth_head.resize_layers.3.weight";
-/// What names of an encoder begin with.
+/// Prefixes of the tensor names of an encoder.
 const ENCODER_PREFIXES: [&str; 5] = ["cls_token", "pos_embed", "patch_embed.", "blocks.", "norm."];
 
-/// The tensors of the encoder among `all`, by `DINOv2`'s names.
+/// Returns the tensors of the encoder among `all`, under `DINOv2`'s names.
 ///
 /// # Errors
-/// No encoder, or one of which queries, keys or values are missing.
+/// There is no encoder, or queries, keys or values are missing.
 pub(super) fn dinov2(
     path: &Path,
     all: BTreeMap<String, Tensor>,
@@ -72,7 +72,7 @@ pub(super) fn dinov2(
     }
 }
 
-/// The tensors of a depth head among `all`, by their published names, and all others.
+/// Splits `all` into the tensors of a depth head, under their published names, and the others.
 pub(super) fn depth_head(
     all: BTreeMap<String, Tensor>,
 ) -> (BTreeMap<String, Tensor>, BTreeMap<String, Tensor>) {
@@ -86,18 +86,18 @@ pub(super) fn depth_head(
     (head, others)
 }
 
-/// Whether tensors are those of an encoder, as far as can be told by one name.
+/// Whether the tensors include an encoder, judging by one name.
 pub(super) fn has_encoder(tensors: &BTreeMap<String, Tensor>) -> bool {
     tensors.keys().any(|name| dinov2_name(name) == PATCHES)
 }
 
-/// The published name of a tensor of a depth head.
+/// Returns the published name of a tensor of a depth head; `None` for other tensors.
 fn depth_head_name(name: &str) -> Option<String> {
     let name = bare(name);
     if name == LEARNED_LAYER || name.starts_with(DEPTH_HEAD) {
         return Some(name.to_owned());
     }
-    // Names of transformers.
+    // Names in transformers.
     let parts: Vec<&str> = name.split('.').collect();
     let place = |text: &str| text.parse::<usize>().ok().filter(|place| *place < 4);
     let renamed = match parts[..] {
@@ -108,7 +108,7 @@ fn depth_head_name(name: &str) -> Option<String> {
             format!("resize_layers.{}.{part}", place(i)?)
         }
         ["neck", "convs", i, part] => format!("scratch.layer{}_rn.{part}", place(i)? + 1),
-        // Theirs begin with the coarsest.
+        // In transformers the coarsest layer is first.
         ["neck", "fusion_stage", "layers", i, "projection", part] => {
             format!("scratch.refinenet{}.out_conv.{part}", 4 - place(i)?)
         }
@@ -126,7 +126,7 @@ fn depth_head_name(name: &str) -> Option<String> {
     Some(format!("{DEPTH_HEAD}{renamed}"))
 }
 
-/// A name without what larger networks put before it.
+/// Returns a name without the prefixes of larger networks.
 fn bare(name: &str) -> &str {
     let mut name = name;
     while let Some(rest) = PREFIXES.iter().find_map(|prefix| name.strip_prefix(prefix)) {
@@ -135,7 +135,7 @@ fn bare(name: &str) -> &str {
     name
 }
 
-/// A name as in `DINOv2`.
+/// Returns the name in `DINOv2`.
 fn dinov2_name(name: &str) -> String {
     let name = bare(name);
     let mut name = match name.strip_prefix("encoder.layer.") {
@@ -148,7 +148,7 @@ fn dinov2_name(name: &str) -> String {
     name
 }
 
-/// Where queries, keys or values belong: the name of all three, and which it is.
+/// Returns the combined tensor of queries, keys or values, and the index of this part.
 fn qkv_part(name: &str) -> Option<(String, usize)> {
     QKV_PARTS.iter().find_map(|parts| {
         let index = parts.iter().position(|part| name.contains(part))?;
@@ -156,7 +156,7 @@ fn qkv_part(name: &str) -> Option<(String, usize)> {
     })
 }
 
-/// Three tensors in one, along the first axis.
+/// Concatenates three tensors along the first axis.
 fn concatenated(parts: [Option<Tensor>; 3]) -> Option<Tensor> {
     let parts = parts.into_iter().collect::<Option<Vec<_>>>()?;
     let mut shape = parts[0].shape().to_vec();

@@ -1,37 +1,37 @@
-//! The part of Python's pickles that tensors are described with.
+//! The subset of Python's pickle format that describes tensors.
 //!
-//! A pickle is a program for a machine with a stack. Python's machine calls whatever function the program names; this
-//! one has the few instructions that descriptions of tensors need, builds plain values, and calls nothing.
+//! A pickle is a program for a stack machine. Python's machine calls any function that the program names; this one has only
+//! the instructions for descriptions of tensors, builds plain values, and calls nothing.
 
 use super::stored::{FloatType, StoredTensor};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-/// Containers inside one another.
+/// Largest nesting depth of containers.
 const MAX_DEPTH: usize = 16;
 
-/// A value, or what is wrong with the file.
+/// A value, or a description of the damage.
 type Parsed<T> = Result<T, String>;
 
-/// What the machine works on.
+/// A value on the stack.
 #[derive(Clone, Debug)]
 pub(super) enum Value {
-    /// A number, a truth value, or nothing: told apart where it matters only.
+    /// A number, a boolean, or `None`, which are not distinguished until it matters.
     Number(i64),
     Text(Rc<str>),
     /// A class or a function of Python.
     Name(Rc<str>),
     Tuple(Rc<[Value]>),
-    /// A dictionary: names and what has them.
+    /// A dictionary: keys and values.
     Dict(Vec<(Value, Value)>),
-    /// A part of the file that holds numbers.
+    /// A part of the file that contains numbers.
     Storage(Rc<str>, Option<FloatType>),
     Tensor(Rc<StoredTensor>),
-    /// Anything that tensors do not depend on.
+    /// Any value that tensors do not depend on.
     Other,
 }
 
-/// Runs a program; an error names what is wrong with it.
+/// Runs a program; an error describes what is wrong with it.
 pub(super) fn run(program: &[u8]) -> Parsed<Value> {
     Machine {
         program,
@@ -43,9 +43,9 @@ pub(super) fn run(program: &[u8]) -> Parsed<Value> {
 }
 
 struct Machine<'a> {
-    /// What is left of it.
+    /// Remaining instructions.
     program: &'a [u8],
-    /// Values, and how deep each is.
+    /// Values, with their nesting depths.
     stack: Vec<(Value, usize)>,
     marks: Vec<usize>,
     memo: BTreeMap<u32, (Value, usize)>,
@@ -163,7 +163,7 @@ impl Machine<'_> {
                     self.add(entries)?;
                 }
                 b'e' => drop(self.pop_to_mark()?),
-                // A value of a list, which does not matter, or attributes of a dictionary.
+                // A value of a list, which is ignored, or attributes of a dictionary.
                 b'a' | b'b' => drop(self.pop()?),
                 b'.' => return Ok(self.pop()?.0),
                 code => {
@@ -218,7 +218,7 @@ impl Machine<'_> {
         self.stack.pop().ok_or_else(stack_underflow)
     }
 
-    /// All values since the last mark.
+    /// Removes all values since the last mark.
     fn pop_to_mark(&mut self) -> Parsed<Vec<(Value, usize)>> {
         let mark = self.marks.pop().ok_or_else(stack_underflow)?;
         if mark > self.stack.len() {
@@ -233,7 +233,7 @@ impl Machine<'_> {
         self.push(Value::Tuple(values.into()), depth + 1)
     }
 
-    /// Adds keys and values in turns to the dictionary on top.
+    /// Adds alternating keys and values to the dictionary on top.
     fn add(&mut self, entries: Vec<(Value, usize)>) -> Parsed<()> {
         let (Value::Dict(names), depth) = self.stack.last_mut().ok_or_else(stack_underflow)? else {
             return Err("sets entries of something else than a dictionary".into());
@@ -252,7 +252,7 @@ impl Machine<'_> {
     fn memoize(&mut self, index: u32) -> Parsed<()> {
         let (value, depth) = self.stack.last().ok_or_else(stack_underflow)?;
         let value = match value {
-            // It is filled afterwards, so that what is recalled would be another one.
+            // It is filled afterwards, so that a recalled copy would differ.
             Value::Dict(_) => Value::Other,
             value => value.clone(),
         };
@@ -271,7 +271,7 @@ fn stack_underflow() -> String {
     "takes more values than there are".into()
 }
 
-/// A number of so many bytes, the least first.
+/// Decodes a little-endian number of any length.
 fn decode_long(bytes: &[u8]) -> Parsed<i64> {
     if bytes.len() > 8 {
         return Err("has a number of more than 64 bits".into());
@@ -282,7 +282,7 @@ fn decode_long(bytes: &[u8]) -> Parsed<i64> {
     Ok(i64::from_le_bytes(all))
 }
 
-/// What `("storage", class, key, device, count)` refers to.
+/// Resolves `("storage", class, key, device, count)`.
 fn storage(value: &Value) -> Parsed<Value> {
     match value {
         Value::Tuple(parts) => match &parts[..] {
@@ -296,7 +296,7 @@ fn storage(value: &Value) -> Parsed<Value> {
     }
 }
 
-/// What a function of Python would answer, for the few that tensors need.
+/// Returns the result of a Python function, for the few that tensors need.
 fn call(name: &Value, arguments: &Value) -> Parsed<Value> {
     let (Value::Name(name), Value::Tuple(arguments)) = (name, arguments) else {
         return Err("calls something else than a named function".into());
@@ -350,7 +350,7 @@ mod tests {
 
     #[test]
     fn programs_that_call_something_are_refused() {
-        // What `os.system("true")` is as a pickle.
+        // The pickle of `os.system("true")`.
         let error = run(b"\x80\x02cos\nsystem\nX\x04\x00\x00\x00true\x85R.").unwrap_err();
         assert!(error.contains("os.system"), "{error}");
         let error = run(b"\x80\x02cbuiltins\neval\nX\x01\x00\x00\x001\x85R.").unwrap_err();
@@ -374,7 +374,7 @@ mod tests {
         ] {
             assert!(run(program).is_err(), "{program:?}");
         }
-        // Deep nesting would overflow the stack when it is dropped.
+        // Dropping deep nesting would overflow the stack.
         let mut deep = vec![b')'];
         deep.extend(std::iter::repeat_n(0x85, 100_000));
         deep.push(b'.');

@@ -1,4 +1,4 @@
-//! What a result was made from: kept beside it as JSON, and compared before it is used again.
+//! The provenance of results: stored beside them as JSON, and compared before they are reused.
 
 use crate::error::{Error, Result};
 use lsdc_kernels::simd::Level;
@@ -8,26 +8,26 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What results depend on beside input, weights and settings: the numerics of the program, and the instruction set that
-/// this processor computes them with.
+/// Returns the dependencies of results besides input, weights and settings: the numerics of the program, and the
+/// instruction set in use on this processor.
 pub fn numerics() -> Value {
     json!({ "golden": crate::golden(), "simd": Level::here().name() })
 }
 
-/// The program, for the records of what it made.
+/// Returns the version and numerics of the program, for records of its results.
 pub fn program() -> Value {
     json!({ "version": env!("CARGO_PKG_VERSION"), "numerics": numerics() })
 }
 
-/// The time in UTC, as ISO 8601.
+/// Returns the time in UTC, as ISO 8601.
 pub fn now() -> String {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     date(since.map_or(0, |since| since.as_secs()))
 }
 
-/// So many seconds after the beginning of 1970.
+/// Formats a time in seconds since 1970.
 fn date(seconds: u64) -> String {
-    // Years that begin in March end with the day that is sometimes missing (Hinnant, `civil_from_days`).
+    // Years that start in March end with the leap day (Hinnant, `civil_from_days`).
     let days = seconds / 86_400 + 719_468;
     let (era, day) = (days / 146_097, days % 146_097);
     let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
@@ -42,7 +42,7 @@ fn date(seconds: u64) -> String {
     format!("{year}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
 }
 
-/// What differs between two records, one line a value: `fit.robust: null, now "cauchy"`.
+/// Returns the differences between two records, one line per value: `fit.robust: null, now "cauchy"`.
 pub fn differences(before: &Value, now: &Value) -> Vec<String> {
     let mut found = Vec::new();
     add_differences(&mut found, "", before, now);
@@ -72,7 +72,7 @@ fn add_differences(found: &mut Vec<String>, name: &str, before: &Value, now: &Va
     }
 }
 
-/// A file by its contents: changes with every bit of them.
+/// Returns the hash of the contents of a file.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -82,7 +82,7 @@ pub fn file_hash(path: &Path) -> Result<String> {
     Ok(hash.text())
 }
 
-/// What is in memory, by its contents and where one part ends and the next begins.
+/// Returns the hash of data in memory, including the boundaries of its parts.
 pub fn bytes_hash(parts: &[&[u8]]) -> String {
     let mut hash = Hash::new();
     for part in parts {
@@ -92,22 +92,20 @@ pub fn bytes_hash(parts: &[&[u8]]) -> String {
     hash.text()
 }
 
-/// A file without reading it: its size in bytes, and when it was last written, in nanoseconds since
-/// 1970; nothing if it is missing.
+/// Size of a file in bytes, and its modification time in nanoseconds since 1970; `None` if it is missing.
 pub type FileStamp = Option<(u64, u64)>;
 
-/// A file without reading it.
+/// Returns the stamp of a file, without reading it.
 pub fn file_stamp(path: &Path) -> FileStamp {
     let found = std::fs::metadata(path).ok()?;
     let written = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
     Some((found.len(), written.as_nanos() as u64))
 }
 
-/// A folder by the names and contents of its files with one of the endings, and of those in the
-/// folders below it.
+/// Returns the hash of the names and contents of the files in a folder and its subfolders that have one of the extensions.
 ///
 /// # Errors
-/// It cannot be read.
+/// The folder cannot be read.
 pub fn folder_hash(path: &Path, endings: &[&str]) -> Result<String> {
     let mut files = Vec::new();
     files_below(path, 0, &mut files)?;
@@ -126,7 +124,7 @@ pub fn folder_hash(path: &Path, endings: &[&str]) -> Result<String> {
     Ok(hash.text())
 }
 
-/// Links may lead in circles; no data set is deeper.
+/// Largest depth of folders, because links may form cycles.
 const MAX_DEPTH: usize = 16;
 
 fn files_below(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<()> {
@@ -185,7 +183,7 @@ mod tests {
 
     #[test]
     fn dates_are_those_of_another_program() {
-        // By `date -u -d @SECONDS +%FT%TZ`.
+        // Computed with `date -u -d @SECONDS +%FT%TZ`.
         for (seconds, expected) in [
             (0, "1970-01-01T00:00:00Z"),
             (951_782_399, "2000-02-28T23:59:59Z"),

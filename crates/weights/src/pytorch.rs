@@ -1,4 +1,4 @@
-//! `PyTorch`'s files: an archive of a pickle, which describes the tensors, and of their values.
+//! Files of `PyTorch`: an archive of a pickle, which describes the tensors, and of their values.
 
 use super::pickle::{Value, run};
 use super::stored::StoredTensor;
@@ -10,13 +10,13 @@ use std::path::Path;
 use std::rc::Rc;
 use zip::ZipArchive;
 
-/// Longer descriptions are not those of a few hundred tensors.
+/// Size limit of a description; a few hundred tensors need less.
 const MAX_BYTES: u64 = 1 << 26;
 
-/// The tensors of a file by their names.
+/// Reads the tensors of a file by their names.
 ///
 /// # Errors
-/// A damaged file, or one that describes something else than tensors by name.
+/// The file is damaged, or does not describe tensors by name.
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
     let damaged =
         |e: zip::result::ZipError| Error::format(path, "is no sound archive of PyTorch").because(e);
@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>
     let found = run(&program).map_err(|what| Error::format(path, what))?;
     let mut stored = Vec::new();
     collect(found, &mut stored);
-    // Storages lie in the file as they are, and few tensors share one: whatever is declared, memory is bounded by the file.
+    // Storages are uncompressed, and few tensors share one, so memory is bounded by the file, whatever is declared.
     let (mut file_bytes_left, mut tensor_bytes_left) = (bytes.len() as u64, 2 * bytes.len());
     let mut storages: BTreeMap<Rc<str>, Vec<u8>> = BTreeMap::new();
     let mut tensors = BTreeMap::new();
@@ -72,7 +72,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>
     Ok(tensors)
 }
 
-/// The tensors of a dictionary, and of those in it that files of a training have.
+/// Collects the tensors of a dictionary, and of nested ones that training files have.
 pub(super) fn collect(value: Value, found: &mut Vec<(String, Rc<StoredTensor>)>) {
     let Value::Dict(entries) = value else { return };
     for (key, value) in entries {

@@ -1,11 +1,11 @@
-//! Tensors as files describe them: how their numbers are stored, and where.
+//! Tensors as described in files: the type and the location of their numbers.
 
 use half::slice::{HalfBitsSliceExt as _, HalfFloatSliceExt as _};
 use half::{bf16, f16};
 use lsdc_core::weights::Tensor;
 use std::rc::Rc;
 
-/// How numbers are stored.
+/// Storage types of floating-point numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FloatType {
     F32,
@@ -30,7 +30,7 @@ impl FloatType {
         }
     }
 
-    /// Returns the number that some bytes begin with, the least byte first.
+    /// Reads a little-endian number at the start of some bytes.
     fn value(self, bytes: &[u8]) -> Option<f32> {
         match self {
             Self::F32 => bytes.first_chunk().map(|b| f32::from_le_bytes(*b)),
@@ -41,10 +41,10 @@ impl FloatType {
         }
     }
 
-    /// Returns all numbers; what is left of a number is dropped.
+    /// Returns all numbers; incomplete trailing bytes are dropped.
     pub(super) fn values(self, bytes: &[u8]) -> Vec<f32> {
         if self == Self::F16 {
-            // In whole slices, with the instructions of the processor: encoders have millions of values.
+            // Whole slices are converted with SIMD instructions, as encoders have millions of values.
             let (pairs, _) = bytes.as_chunks::<2>();
             let bits: Vec<u16> = pairs.iter().map(|pair| u16::from_le_bytes(*pair)).collect();
             let halves: &[f16] = bits.reinterpret_cast();
@@ -55,11 +55,11 @@ impl FloatType {
     }
 }
 
-/// A tensor whose values are elsewhere.
+/// A tensor whose values are in a storage.
 #[derive(Clone, Debug)]
 pub(super) struct StoredTensor {
     pub(super) storage: Rc<str>,
-    /// `None` for whole numbers.
+    /// `None` for integers.
     pub(super) kind: Option<FloatType>,
     pub(super) offset: usize,
     pub(super) shape: Vec<usize>,
@@ -67,20 +67,20 @@ pub(super) struct StoredTensor {
 }
 
 impl StoredTensor {
-    /// Returns the number of bytes of the values; `None` if that is more than any memory has.
+    /// Returns the size of the values in bytes; `None` if it overflows.
     pub(super) fn bytes(&self, kind: FloatType) -> Option<usize> {
         let mut sides = self.shape.iter();
         let count = sides.try_fold(1_usize, |n, &side| n.checked_mul(side))?;
         count.checked_mul(kind.bytes())
     }
 
-    /// Returns the tensor, from the bytes of its storage; `None` if the storage has fewer values.
+    /// Builds the tensor from the bytes of its storage; `None` if the storage has fewer values.
     pub(super) fn tensor(&self, kind: FloatType, bytes: &[u8]) -> Option<Tensor> {
         if self.stride.len() != self.shape.len() {
             return None;
         }
         let size = self.bytes(kind)?;
-        // Before anything is allocated for an axis: beside an axis of length 0, the others may have any length.
+        // Checked before allocation: next to an axis of length 0, the others may have any length.
         if size == 0 {
             return Tensor::new(self.shape.clone(), Vec::new());
         }
@@ -154,12 +154,12 @@ mod tests {
             Some(vec![0.0, 3.0, 1.0, 4.0, 2.0, 5.0])
         );
         assert_eq!(read(stored(1, &[3, 2], &[1, 3])), None);
-        // The same value again and again would be more than the file has.
+        // Repeated values could take more memory than the file has bytes.
         assert_eq!(read(stored(0, &[7], &[0])), None);
         assert_eq!(read(stored(0, &[2, 2], &[2])), None);
         assert_eq!(read(stored(usize::MAX, &[2], &[1])), None);
         assert_eq!(read(stored(0, &[usize::MAX, 2], &[2, 1])), None);
-        // Nothing, however long the other axes are.
+        // No values, however long the other axes are.
         for (shape, stride) in [
             ([1 << 40, 0], [5, 1]),
             ([1 << 33, 0], [5, 1]),

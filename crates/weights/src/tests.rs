@@ -3,11 +3,11 @@ use half::f16;
 use lsdc_core::network::EncoderConfig;
 use proptest::prelude::*;
 
-/// A tiny encoder in half precision, as other programs save it (`scripts/golden_encoder.py`).
+/// A tiny encoder in half precision, as saved by other programs (`scripts/golden_encoder.py`).
 pub(super) const PYTORCH: &[u8] = include_bytes!("../../../tests/golden/encoder.pth");
 pub(super) const TRANSFORMERS: &[u8] = include_bytes!("../../../tests/golden/encoder.safetensors");
 
-/// What is known of it. Its identity was computed in Python.
+/// The known values of the tiny encoder. Its identity was computed in Python.
 pub(super) const TINY: KnownEncoder = KnownEncoder {
     weights: "tiny",
     name: "a tiny encoder",
@@ -34,7 +34,7 @@ fn read(bytes: &[u8], name: &str) -> Result<BTreeMap<String, Tensor>> {
     read_encoder(&path)
 }
 
-/// What the script draws the tensor from that is the `index`th there.
+/// Returns the value `i` of the tensor `index` as computed by the script.
 fn sine(index: usize, i: usize, scale: f64, offset: f64) -> f32 {
     let value = (offset + scale * (0.37 * i as f64 + index as f64).sin()) as f32;
     f16::from_f32(value).to_f32()
@@ -43,7 +43,7 @@ fn sine(index: usize, i: usize, scale: f64, offset: f64) -> f32 {
 #[test]
 fn files_of_pytorch_and_of_transformers_hold_the_same_encoder() {
     let one = read(PYTORCH, "a.pth").unwrap();
-    // Four of the image, fourteen of each block, two of the last normalisation; no depth head.
+    // Four tensors of the image, fourteen per block, two of the last normalisation; no depth head.
     assert_eq!(one.len(), 4 + 3 * 14 + 2);
     assert_eq!(one["blocks.2.attn.qkv.weight"].shape(), [48, 16]);
     let close = |found: &[f32], exact: &dyn Fn(usize) -> f32| {
@@ -64,7 +64,7 @@ fn files_of_pytorch_and_of_transformers_hold_the_same_encoder() {
 #[test]
 fn the_encoder_of_anything_has_the_published_size() {
     let shapes = ANYTHING.shapes();
-    // DINOv2's table says 21 M parameters for ViT-S/14; its file has 22,056,576, of which 384 are `mask_token`.
+    // DINOv2's table lists 21 M parameters for ViT-S/14; its file has 22,056,576, of which 384 are `mask_token`.
     assert_eq!(
         (shapes.len(), ANYTHING.bytes()),
         (174, 2 * (22_056_576 - 384))
@@ -94,7 +94,7 @@ fn an_encoder_is_recognised_by_its_values() {
         tensors
     };
 
-    // The least change that half precision has.
+    // The smallest change in half precision.
     let other = changed("norm.bias", &|tensor| {
         let mut values = tensor.values().to_vec();
         values[3] = f32::from_bits(values[3].to_bits() + (1 << 13));
@@ -110,7 +110,7 @@ fn an_encoder_is_recognised_by_its_values() {
     ] {
         assert!(message.contains(words), "{message}");
     }
-    // One that half precision does not have.
+    // A change below half precision.
     let finer = changed("norm.bias", &|tensor| {
         let finer = tensor
             .values()
@@ -161,7 +161,7 @@ proptest! {
         if cut {
             bytes.truncate(place);
         }
-        // An error or not, it ends.
+        // The result may be an error, but reading ends.
         if let Ok(tensors) = read(&bytes, "a.pth") {
             prop_assert!(tensors.len() <= 48);
         }

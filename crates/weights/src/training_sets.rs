@@ -1,4 +1,4 @@
-//! The data that weights were trained on, with the licences that its owners state.
+//! Training data of weights, with the licences that their owners state.
 
 use crate::embedded_with;
 use crate::history::{HistoryEntry, SourceWeights};
@@ -10,19 +10,19 @@ use std::sync::LazyLock;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CommercialUse {
-    /// They exclude it, or allow research alone.
+    /// They exclude it, or allow only research.
     No,
-    /// They state no licence, or it does not decide this.
+    /// They state no licence, or it is ambiguous.
     Unclear,
     /// They allow it.
     Yes,
 }
 
 impl CommercialUse {
-    /// All of them, the strictest first.
+    /// All values, the strictest first.
     pub const ALL: [Self; 3] = [Self::No, Self::Unclear, Self::Yes];
 
-    /// Its name in reports.
+    /// Returns the name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::No => "no",
@@ -32,18 +32,18 @@ impl CommercialUse {
     }
 }
 
-/// Data that weights were trained on.
+/// Training data of weights.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct TrainingSet {
-    /// Its name.
+    /// Name of the data.
     pub name: String,
-    /// Who made it, or where it is published; `None` if this is not recorded.
+    /// Author or place of publication; `None` if not recorded.
     pub source: Option<String>,
-    /// Its licence, as its owners or the repository that it is from state it.
+    /// Licence, as stated by the owners or by the repository of the data.
     pub licence: String,
-    /// Whether this allows commercial use.
+    /// Whether the licence allows commercial use.
     pub commercial_use: CommercialUse,
-    /// Whether no tensor was trained on it, but a calibration or the choice of a checkpoint depends on it.
+    /// Whether the data were only used for a calibration or the choice of a checkpoint, not to train a tensor.
     pub calibration_only: bool,
 }
 
@@ -62,33 +62,33 @@ impl Display for TrainingSet {
     }
 }
 
-/// The name of the learned tensor of the depth head in [`named`].
+/// Name of the trained tensor of the depth head in [`named`].
 pub const HEAD_TENSOR: &str = "depth head";
 
-/// The licence of this tensor.
+/// Licence of this tensor.
 pub const HEAD_LICENCE: &str = "MIT OR Apache-2.0";
 
-/// The name of the pretrained encoder that weights may need ([`encoder_of`](crate::encoder_of)).
+/// Name of the pretrained encoder that weights may need ([`encoder_of`](crate::encoder_of)).
 const ENCODER: &str = "encoder";
 
-/// Data of the weights of the program.
+/// Training data of weights of the program.
 #[derive(Deserialize)]
 struct KnownSet {
     name: String,
     source: String,
     licence: String,
     commercial_use: CommercialUse,
-    /// The weights that were trained on it.
+    /// Names of the weights that were trained on it.
     trained: Vec<String>,
-    /// Other weights, of which a calibration or the choice of a checkpoint depends on it.
+    /// Names of other weights that depend on it by a calibration or the choice of a checkpoint.
     calibrated: Vec<String>,
 }
 
-/// All of it, the strictest licence first. The tests read it.
+/// All known data, the strictest licence first. The tests read it.
 static KNOWN_SETS: LazyLock<Vec<KnownSet>> =
     LazyLock::new(|| serde_json::from_str(include_str!("training_sets.json")).unwrap_or_default());
 
-/// Returns the data of weights of the program by their name, or of [`HEAD_TENSOR`], the strictest licence first.
+/// Returns the training data of weights of the program by their name, or of [`HEAD_TENSOR`], the strictest licence first.
 pub fn named(weights: &str) -> Vec<TrainingSet> {
     let has = |names: &[String]| names.iter().any(|name| name == weights);
     let used = KNOWN_SETS.iter();
@@ -103,9 +103,9 @@ pub fn named(weights: &str) -> Vec<TrainingSet> {
     .collect()
 }
 
-/// Returns the data of weights by their contents ([`weights_hash`](crate::weights_hash)) and history, the strictest licence
-/// first: that of the weights of the program that they were made from, that of Depth Anything V2 Small if it taught them or
-/// they need its encoder, and their own, whose licence is not recorded.
+/// Returns the training data of weights by their contents ([`weights_hash`](crate::weights_hash)) and history, the
+/// strictest licence first: data of the weights of the program that they were made from; data of Depth Anything V2 Small if
+/// it was a teacher or they need its encoder; and their own data, whose licence is not recorded.
 pub fn of(contents: &str, history: &[HistoryEntry], needs_encoder: bool) -> Vec<TrainingSet> {
     let mut sets = Vec::new();
     collect(&mut sets, contents, history);
@@ -121,7 +121,7 @@ fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]
         add_named(sets, weights.name);
         return;
     }
-    // The entries before are those of the weights of the program.
+    // The preceding entries are those of the weights of the program.
     let starts_known = |entry: &HistoryEntry| {
         let mut starts = entry.sources.iter().filter(|source| source.role == "start");
         starts.any(|start| embedded_with(&start.contents).is_some())
@@ -134,18 +134,18 @@ fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]
             set.calibration_only = entry.command.starts_with("calibrate");
             add(sets, set);
         }
-        // That of a teacher, too.
+        // Also the encoder of a teacher.
         if entry.settings["network"]["extractor"]["encoder"].as_u64() > Some(0) {
             add_named(sets, ENCODER);
         }
         for source in &entry.sources {
             let is_known = embedded_with(&source.contents).is_some();
-            // The entries before are the history of later starts.
+            // The preceding entries are the history of later starts.
             let has_history = !source.history.is_empty() || (source.role == "start" && index > 0);
             if is_known || has_history {
                 collect(sets, &source.contents, &source.history);
             } else if is_depth_anything(source) {
-                // Teachers have the learned tensor in their depth head.
+                // The depth head of teachers contains the trained tensor.
                 add_named(sets, HEAD_TENSOR);
             } else {
                 add(
@@ -157,7 +157,7 @@ fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]
     }
 }
 
-/// Whether this is a teacher `depth-anything` or `depth-anything:SIDE`, the name of no file.
+/// Whether this is a teacher `depth-anything` or `depth-anything:SIDE`, rather than a file.
 fn is_depth_anything(source: &SourceWeights) -> bool {
     let name = source.weights.split(':').next();
     source.role == "teacher" && name == Some("depth-anything")
@@ -173,14 +173,14 @@ fn not_recorded(name: String) -> TrainingSet {
     }
 }
 
-/// Adds the data of weights of the program, of [`HEAD_TENSOR`] or of [`ENCODER`].
+/// Adds the training data of weights of the program, of [`HEAD_TENSOR`] or of [`ENCODER`].
 fn add_named(sets: &mut Vec<TrainingSet>, weights: &str) {
     for set in named(weights) {
         add(sets, set);
     }
 }
 
-/// Adds data, or what else it was used for.
+/// Adds data, or a further use of data that were added before.
 fn add(sets: &mut Vec<TrainingSet>, set: TrainingSet) {
     match sets.iter_mut().find(|other| other.name == set.name) {
         Some(other) => other.calibration_only &= set.calibration_only,
@@ -188,7 +188,7 @@ fn add(sets: &mut Vec<TrainingSet>, set: TrainingSet) {
     }
 }
 
-/// One line that names data by its licences, the strictest first: `non-commercial data: A, B; data ...`.
+/// Summarises data by licence in one line, the strictest first: `non-commercial data: A, B; data ...`.
 pub fn summary(sets: &[TrainingSet]) -> String {
     let of_kind = |kind: CommercialUse| {
         let names = sets.iter().filter(|set| set.commercial_use == kind);
@@ -262,7 +262,7 @@ mod tests {
         for name in sets.flat_map(|set| set.trained.iter().chain(&set.calibrated)) {
             assert!(all.contains(&name.as_str()), "{name}");
         }
-        // Counted by hand in the lists of frames that the weights were trained on.
+        // Counted by hand in the lists of training frames of the weights.
         let indoors = "RGB-D-D, Replica, GQ-CNN examples";
         let photographs = ", SUN database, BSDS500, ImageNet samples, KITTI, nuScenes";
         for (weights, count, others) in [
@@ -304,7 +304,7 @@ mod tests {
         assert!(find("10 frames of a street").calibration_only);
         assert_eq!(find("TUM RGB-D").licence, "CC BY 4.0");
 
-        // What a teacher was taught counts, and what nobody recorded is named.
+        // The data of a teacher count, and unrecorded sources are listed.
         let sources = vec![
             source("teacher", "1", history.to_vec()),
             source("backbone", "2", Vec::new()),
@@ -325,7 +325,7 @@ mod tests {
             [encoder]
         );
 
-        // A network that learned from a teacher on the encoder, which started from nothing.
+        // A network that was trained by a teacher on the encoder, from random weights.
         let taught_by = |channels: u64| {
             let network = json!({ "extractor": { "encoder": channels } });
             let teacher = HistoryEntry {
@@ -353,7 +353,7 @@ mod tests {
         };
         for name in ["depth-anything", "depth-anything:252"] {
             let sets = taught_by(name);
-            // That of the learned tensor in its head, and the garden.
+            // The data of the trained tensor in its head, and the garden.
             assert_eq!(sets.len(), 19 + 1, "{name}");
             let excluded = names(&sets, CommercialUse::No);
             assert_eq!(excluded, names(&named(HEAD_TENSOR), CommercialUse::No));

@@ -1,4 +1,4 @@
-//! Writing weights files: safetensors, with metadata on what they belong to.
+//! Writer of weights files: safetensors with metadata.
 
 use crate::error::{Error, Result};
 use crate::known::f16_bytes;
@@ -7,11 +7,11 @@ use lsdc_core::weights::{NETWORK, NORMALISATION, TABLE, Tensor, VERSION};
 use safetensors::tensor::{Dtype, TensorView};
 use std::collections::{BTreeMap, HashMap};
 
-/// How the numbers of a network lie in a file.
+/// Storage precision of the numbers of a network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
-    /// Two bytes each (IEEE 754 binary16), but for tensors with numbers that do not fit: variances of
-    /// features are large where weights have grown.
+    /// Two bytes each (IEEE 754 binary16), except for tensors with numbers that do not fit: variances of features are large
+    /// if weights have grown.
     #[default]
     Half,
     /// Four bytes each.
@@ -19,7 +19,7 @@ pub enum Precision {
 }
 
 impl Precision {
-    /// The name on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Half => "f16",
@@ -28,10 +28,10 @@ impl Precision {
     }
 }
 
-/// The bytes of a safetensors file with the network's tensors of that precision, and f32 tables.
+/// Returns the bytes of a safetensors file with the network's tensors in this precision, and f32 tables.
 ///
 /// # Errors
-/// A record that cannot be written as JSON.
+/// A record cannot be written as JSON.
 pub fn to_bytes(weights: &Weights, precision: Precision) -> Result<Vec<u8>> {
     let broken =
         |e: &dyn std::fmt::Display| Error::weights(format!("the weights cannot be written: {e}"));
@@ -48,10 +48,10 @@ pub fn to_bytes(weights: &Weights, precision: Precision) -> Result<Vec<u8>> {
     stored_bytes(tensors.chain(tables), metadata)
 }
 
-/// The bytes of a safetensors file of named tensors, each of its precision, with metadata.
+/// Returns the bytes of a safetensors file of named tensors, each with its precision, and metadata.
 ///
 /// # Errors
-/// More bytes than a file can hold.
+/// The file would be too large.
 #[expect(clippy::implicit_hasher, reason = "the map that safetensors takes")]
 pub fn stored_bytes<'a>(
     tensors: impl Iterator<Item = (String, &'a Tensor, Precision)>,
@@ -71,7 +71,7 @@ pub fn stored_bytes<'a>(
     safetensors::serialize(views, Some(metadata)).map_err(|e| broken(&e))
 }
 
-/// Type, shape and bytes of a tensor in a file.
+/// Returns type, shape and bytes of a tensor in a file.
 fn stored(tensor: &Tensor, precision: Precision) -> (Dtype, &[usize], Vec<u8>) {
     let mut values = tensor.values().iter();
     if precision == Precision::Half && values.all(|v| v.abs() <= half::f16::MAX.to_f32()) {

@@ -1,4 +1,4 @@
-//! Scenes of the weights `anything` that are guided by the depth head of their encoder, which runs once for both.
+//! Tests of scenes of the weights `anything` guided by the depth head of their encoder, which runs once for both.
 #![allow(clippy::unwrap_used)]
 #![cfg(feature = "weights")]
 
@@ -15,7 +15,7 @@ use lsdc_kernels::simd::Level;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The image that the network reads is as large as that of its encoder: nothing is resized.
+/// The image has the size of the network's and the encoder's input, so that it is not resized.
 const WIDTH: usize = 448;
 const HEIGHT: usize = 336;
 
@@ -83,7 +83,7 @@ fn the_guide_is_what_depth_anything_predicts_for_the_same_image() {
     let expected = depth(&without.guided_scene(&image, &guide).unwrap());
     assert_eq!(depth(&own), expected);
 
-    // Without it, nothing has changed.
+    // Without the head, nothing has changed.
     let plain = without.scene(&image).unwrap();
     let alone = depth(&plain);
     assert!(!plain.is_guided());
@@ -92,7 +92,7 @@ fn the_guide_is_what_depth_anything_predicts_for_the_same_image() {
     let switched_off = with.without_depth_head();
     assert_eq!(depth(&switched_off.scene(&image).unwrap()), alone);
 
-    // A guide that is given replaces it.
+    // A given guide replaces it.
     let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
     let ramp = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp).unwrap();
     let given = depth(&without.guided_scene(&image, &ramp).unwrap());
@@ -148,7 +148,7 @@ fn a_prediction_that_is_the_same_everywhere_is_no_guide() {
 
 #[test]
 fn a_head_belongs_to_its_encoder() {
-    // Of 16 channels.
+    // A head for 16 channels.
     let other = depth_anything::network().depth_head();
     let error = unguided(&encoder()).with_depth_head(other).unwrap_err();
     assert!(error.to_string().contains("another encoder"), "{error}");

@@ -1,4 +1,4 @@
-//! Reading cameras, from files and from four numbers.
+//! Reads cameras from files, and from four numbers.
 
 use super::stored::CameraFile;
 use super::{Camera, ros};
@@ -8,13 +8,13 @@ use std::path::Path;
 use std::str::FromStr;
 
 impl Camera {
-    /// Reads a camera from TOML or JSON: `fx, fy, cx, cy`, or `intrinsic_matrix` of 9 numbers column
-    /// by column as `Open3D` writes it; `width, height`; `model` (`pinhole`, `radtan`, `fisheye`) with
-    /// its `distortion`; `world_to_camera` or `camera_to_world`, 3 or 4 rows of 4 numbers. Or from
-    /// YAML, the `camera_info` of ROS: the camera of the image before it was rectified.
+    /// Reads a camera from TOML or JSON: `fx, fy, cx, cy`, or `intrinsic_matrix` of 9 numbers column by column as `Open3D`
+    /// writes it; `width, height`; `model` (`pinhole`, `radtan`, `fisheye`) with its `distortion`; `world_to_camera` or
+    /// `camera_to_world`, 3 or 4 rows of 4 numbers. Or from YAML, the `camera_info` of ROS: the camera of the unrectified
+    /// image.
     ///
     /// # Errors
-    /// A file that is missing or no camera.
+    /// The file is missing or not a camera.
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
         let is = |ending: &str| has_ending(path, ending);
@@ -33,10 +33,10 @@ impl Camera {
         Self::try_from(stored).map_err(|what| Error::format(path, what))
     }
 
-    /// The camera of the text `FX,FY,CX,CY`; `None` if the text is anything else.
+    /// Parses `FX,FY,CX,CY`; `None` if the text is anything else.
     ///
     /// # Errors
-    /// Focal lengths that are not positive; numbers that are not finite.
+    /// Focal lengths are not positive, or numbers are not finite.
     pub fn of_numbers(text: &str) -> Option<Result<Self>> {
         let [fx, fy, cx, cy] = numbers(text)?[..] else {
             return None;
@@ -46,7 +46,7 @@ impl Camera {
     }
 }
 
-/// The numbers of a list with commas, if it has nothing else.
+/// Parses a comma-separated list of numbers; `None` if it contains anything else.
 fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|n| n.trim().parse().ok()).collect()
 }
@@ -54,7 +54,7 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
 impl FromStr for Camera {
     type Err = Error;
 
-    /// `FX,FY,CX,CY`, or the path of a file.
+    /// Parses `FX,FY,CX,CY`, or reads the file at a path.
     fn from_str(text: &str) -> Result<Self> {
         if let Some(camera) = Self::of_numbers(text) {
             return camera;
@@ -70,7 +70,7 @@ impl FromStr for Camera {
     }
 }
 
-/// What calibrations of other programs are called, by a word that they hold.
+/// Calibrations of other programs, by a word that they contain.
 const FOREIGN: [(&str, &str); 8] = [
     ("fl_x", "the transforms.json of nerfstudio or Instant NGP"),
     ("camera_angle_x", "the transforms.json of a NeRF"),
@@ -85,7 +85,7 @@ const FOREIGN: [(&str, &str); 8] = [
     ("T_cam_imu", "a calibration of Kalibr"),
 ];
 
-/// What a calibration is that is not read, if it is one that is known.
+/// Returns the kind of an unsupported calibration, if it is known.
 fn foreign(text: &str) -> Option<&'static str> {
     let found = FOREIGN.iter().find(|(word, _)| text.contains(word));
     found.map(|(_, kind)| *kind)

@@ -1,4 +1,4 @@
-//! Cameras: where points appear in the image, and where pixels lie in space.
+//! Cameras: projection of points to the image, and back-projection of pixels.
 
 mod file;
 mod ros;
@@ -13,26 +13,26 @@ use crate::pose::Pose;
 use lsdc_core::{DepthMap, Lens, Projection, SettingsError};
 use std::fmt::{Display, Formatter};
 
-/// The camera of an image that is shown upright, whatever way its file stores it.
+/// The camera of an upright image, whose file may store it in another orientation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Width and height of the image, upright, if they are known.
+    /// Width and height of the upright image, if known.
     size: Option<(usize, usize)>,
-    /// Of the pixels as they are stored.
+    /// Camera of the pixels as stored.
     optics: lsdc_core::Camera,
-    /// How the stored image is turned upright, if it is.
+    /// Orientation of the stored image, if known.
     turned: Option<Orientation>,
-    /// What its file does not say and was assumed, a sentence each.
+    /// Assumptions about values that its file lacks, a sentence each.
     assumed: Vec<String>,
 }
 
 impl Camera {
-    /// A camera without distortion at the origin.
+    /// Creates a camera without distortion at the origin.
     pub fn pinhole(focal: [f64; 2], center: [f64; 2]) -> Self {
         Self::new(lsdc_core::Camera::pinhole(focal, center), None)
     }
 
-    /// The camera of an image that is stored upright, with its width and height, if they are known.
+    /// Creates the camera of an image that is stored upright, with its width and height, if known.
     pub fn new(optics: lsdc_core::Camera, size: Option<(usize, usize)>) -> Self {
         Self {
             size,
@@ -42,7 +42,7 @@ impl Camera {
         }
     }
 
-    /// The camera of the pixels as they are stored.
+    /// Returns the camera of the pixels as stored.
     pub fn optics(&self) -> &lsdc_core::Camera {
         &self.optics
     }
@@ -61,7 +61,7 @@ impl Camera {
         }
     }
 
-    /// The same camera at another place: a point of the world is first rotated (the matrix is given row by row), then
+    /// Returns the camera at another pose: a point of the world is first rotated (the matrix is given row by row), then
     /// translated.
     #[must_use]
     pub fn with_pose(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
@@ -71,7 +71,7 @@ impl Camera {
         }
     }
 
-    /// The same camera where a point of another world is first brought into this one, by a rotation (row by row) and a
+    /// Returns the camera for another world: its points are transformed into this world by a rotation (row by row) and a
     /// translation.
     #[must_use]
     pub fn moved(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
@@ -96,23 +96,23 @@ impl Camera {
         }
     }
 
-    /// Pixels from edge to edge of a radian straight ahead, the mean of both axes.
+    /// Returns the focal length in pixels, the mean of both axes.
     pub(super) fn focal(&self) -> f64 {
         let [fx, fy] = self.optics.focal();
         f64::midpoint(fx, fy)
     }
 
-    /// The same camera where the world is measured in another unit, so many times as long.
+    /// Returns the camera in a world with another unit: coordinates are multiplied by `factor`.
     pub(super) fn in_unit(self, factor: f64) -> Self {
         let (rotation, translation) = self.optics.pose();
         self.with_pose(rotation, translation.map(|v| v * factor))
     }
 
-    /// The camera of the same image at another size, which is one of its [`Self::warnings`]: a part of the image of the same
-    /// shape would have another camera.
+    /// Returns the camera of the same image at another size. This adds one of the [`Self::warnings`], because a crop of the
+    /// same shape would have another camera.
     ///
     /// # Errors
-    /// A size of another shape: a part of the image, or another image.
+    /// The size has another shape: it is that of a crop, or of another image.
     pub fn resized(&self, size: (usize, usize)) -> Result<Self> {
         match self.size {
             Some(own) if !same_shape(own, size) => Err(other_shape(own, size)),
@@ -128,8 +128,7 @@ impl Camera {
         }
     }
 
-    /// The camera of the same image on a grid of any width and height, whose pixels may then be no
-    /// squares.
+    /// Returns the camera of the same image on a grid of any width and height, whose pixels may then not be square.
     #[must_use]
     pub fn stretched(&self, size: (usize, usize)) -> Self {
         let from = self.size.unwrap_or(size);
@@ -147,12 +146,12 @@ impl Camera {
         }
     }
 
-    /// The camera of an image as it is shown, and what is to be said about it, if the file stores the
-    /// image turned. A camera belongs to the stored pixels wherever its size leaves the choice, as it
-    /// does not know how it was held; without a size the principal point decides.
+    /// Returns the camera of the upright image, with a warning if the file stores the image rotated. If the size is
+    /// ambiguous, the camera is taken to be that of the stored pixels, because calibrations do not depend on how a camera
+    /// was held. Without a size, the principal point decides.
     ///
     /// # Errors
-    /// A camera that was calibrated for an image of another shape.
+    /// The camera was calibrated for an image of another shape.
     pub fn for_image(&self, image: &Orientation) -> Result<(Self, Option<String>)> {
         let (stored, upright) = (image.stored(), image.upright());
         if image.is_upright() {
@@ -185,7 +184,7 @@ impl Camera {
         Ok((camera, Some(what)))
     }
 
-    /// A map of the upright image in the order of the stored pixels; `None` if the image is stored upright.
+    /// Rotates a map of the upright image to the stored orientation; `None` if the image is stored upright.
     ///
     /// # Errors
     /// None for maps of a plausible size.
@@ -203,8 +202,8 @@ impl Camera {
         Ok(Some(DepthMap::new(width, height, values.collect())?))
     }
 
-    /// What should be checked of the camera of an image, a sentence each: what its file does not say and was assumed, and
-    /// numbers that are implausible.
+    /// Returns warnings about the camera of an image, a sentence each: assumptions about values that its file lacks, and
+    /// implausible numbers.
     pub fn warnings(&self) -> Vec<String> {
         let outside = self.size.and_then(|size| {
             let (width, height) = self.turned.map_or(size, |turned| turned.stored());
@@ -219,20 +218,20 @@ impl Camera {
         self.assumed.iter().cloned().chain(outside).collect()
     }
 
-    /// Width and height of the image, upright, if they are known.
+    /// Returns width and height of the upright image, if known.
     pub fn size(&self) -> Option<(usize, usize)> {
         self.size
     }
 
-    /// Pixels between the principal point and the centre of an image.
+    /// Returns the distance of the principal point from the centre of an image, in pixels.
     fn off_centre(&self, (width, height): (usize, usize)) -> f64 {
         let middle = [width, height].map(|length| (length as f64 - 1.0) / 2.0);
         let center = self.optics.center();
         (center[0] - middle[0]).hypot(center[1] - middle[1])
     }
 
-    /// Focal lengths in pixels and the principal point, `[fx, fy, cx, cy]`, of the image as it is shown, without what
-    /// the lens bends.
+    /// Returns focal lengths and the principal point of the upright image in pixels, `[fx, fy, cx, cy]`, without
+    /// distortion.
     pub fn intrinsics(&self) -> [f64; 4] {
         let ([fx, fy], [cx, cy]) = (self.optics.focal(), self.optics.center());
         let upright = |position| {
@@ -241,22 +240,21 @@ impl Camera {
         };
         let center = upright([cx, cy]);
         let (across, down) = (upright([cx + fx, cy]), upright([cx, cy + fy]));
-        // One of the two lies along each axis of the image.
+        // One of the two is along each axis of the image.
         let along =
             |axis: usize| (across[axis] - center[axis]).abs() + (down[axis] - center[axis]).abs();
         [along(0), along(1), center[0], center[1]]
     }
 
-    /// Pixel (column, row) and depth of a point of the world; `None` behind the camera and where the
-    /// lens does not look.
+    /// Projects a point of the world to a pixel (column, row) and a depth; `None` behind the camera and where the lens has
+    /// no image.
     pub fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {
         let (pixel, depth) = self.optics.project(point)?;
         let pixel = self.turned.map_or(pixel, |turned| turned.turned(pixel));
         Some((pixel, depth))
     }
 
-    /// The point of the world at a pixel (column, row) and depth; `None` where the lens does not
-    /// look.
+    /// Back-projects a pixel (column, row) at a depth to a point of the world; `None` if the lens has no ray for the pixel.
     pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
         let stored = self.turned.map(|turned| turned.turned_back(pixel));
         self.optics.unproject(stored.unwrap_or(pixel), depth)

@@ -1,45 +1,44 @@
-//! The `camera_info` of ROS, and as YAML: what `camera_calibration` writes, and what `rostopic echo` and
-//! `ros2 topic echo` print.
+//! The `camera_info` of ROS, and its YAML forms: the output of `camera_calibration`, `rostopic echo` and `ros2 topic echo`.
 
 use super::Camera;
 use super::stored::{CameraFile, LensModel, intrinsics};
 use std::collections::HashMap;
 
-/// What ROS says of a camera.
+/// Camera parameters of ROS.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraInfo {
-    /// Width and height of the image, if they are known.
+    /// Width and height of the image, if known.
     pub size: Option<(usize, usize)>,
-    /// The name of the distortion.
+    /// Name of the distortion model.
     pub model: String,
-    /// Its coefficients.
+    /// Distortion coefficients.
     pub distortion: Vec<f64>,
-    /// K, row by row: of the whole sensor, before the image is rectified.
+    /// K, row by row: intrinsics of the full sensor, before rectification.
     pub matrix: [f64; 9],
-    /// R, row by row: from the axes of the camera to those of the rectified image.
+    /// R, row by row: rotation from the axes of the camera to those of the rectified image.
     pub rotation: Option<[f64; 9]>,
-    /// P, row by row: after that.
+    /// P, row by row: projection after rectification.
     pub projection: Option<[f64; 12]>,
-    /// A window of the sensor: its first column and row, its width and its height; 0 stands for all.
+    /// Region of interest on the sensor: first column, first row, width and height; 0 means the full sensor.
     pub window: [usize; 4],
-    /// Pixels of the sensor that are one of the image, across and down; 0 stands for 1.
+    /// Binning: sensor pixels per image pixel, across and down; 0 means 1.
     pub binning: [usize; 2],
 }
 
 impl CameraInfo {
-    /// The camera of the image before it was rectified: K and D.
+    /// Returns the camera of the unrectified image: K and D.
     ///
     /// # Errors
-    /// What is wrong with it, to be said after its name.
+    /// The camera is invalid; the text follows its name.
     pub fn camera(&self) -> Result<Camera, String> {
         self.stored()?.try_into()
     }
 
-    /// The camera of the image after it was rectified, which has no distortion: the first three columns of P. For the
-    /// fourth see [`Self::baseline`].
+    /// Returns the camera of the rectified image, which has no distortion: the first three columns of P. For the fourth see
+    /// [`Self::baseline`].
     ///
     /// # Errors
-    /// What is wrong with it, to be said after its name.
+    /// The camera is invalid; the text follows its name.
     pub fn rectified(&self) -> Result<Camera, String> {
         self.check_whole()?;
         let projection = self.projection.filter(|p| p.iter().any(|&v| v != 0.0));
@@ -52,8 +51,8 @@ impl CameraInfo {
         stored.try_into()
     }
 
-    /// Where the optical centre of the camera is in its frame by the fourth column of P, in metres along x and y: not at 0
-    /// for the second camera of a stereo pair, as both are in the frame of the first.
+    /// Returns the position of the optical centre in the camera's frame by the fourth column of P, in metres along x and y.
+    /// It is not 0 for the second camera of a stereo pair, because both use the frame of the first.
     pub fn baseline(&self) -> [f64; 2] {
         let Some([fx, _, _, tx, _, fy, _, ty, ..]) = self.projection else {
             return [0.0; 2];
@@ -106,10 +105,10 @@ impl CameraInfo {
         self.distortion.iter().any(|&k| k != 0.0)
     }
 
-    /// What is said of an image that is taken for rectified, or not, by which `used` holds: where the other numbers are
-    /// none that agree.
+    /// Returns remarks about the parameters that are not used, if they contradict those that `used` names. `rectified` is
+    /// whether the image is taken for rectified.
     fn unused(&self, used: &str, rectified: bool) -> Vec<String> {
-        /// In pixels: files round.
+        /// Tolerance in pixels; files contain rounded numbers.
         const NEAR: f64 = 0.01;
         let Some(projection) = self.projection.filter(|p| p[0] != 0.0) else {
             return Vec::new();
@@ -164,7 +163,7 @@ impl CameraInfo {
         }
     }
 
-    /// Checks that the numbers are those of the images: a window and a binning have others.
+    /// Checks that the parameters apply to the images: they differ for a region of interest or with binning.
     fn check_whole(&self) -> Result<(), String> {
         let [x, y, columns, rows] = self.window;
         let [across, down] = self.binning;
@@ -188,16 +187,16 @@ impl CameraInfo {
     }
 }
 
-/// The first three columns of P, row by row.
+/// Returns the first three columns of P, row by row.
 fn columns(projection: [f64; 12]) -> [[f64; 3]; 3] {
     let [a, b, c, _, d, e, f, _, g, h, i, _] = projection;
     [[a, b, c], [d, e, f], [g, h, i]]
 }
 
-/// The angle of a rotation in radians; of no rotation (as of zeros, where there is none) 0.
+/// Returns the angle of a rotation in radians; 0 for zeros, which mean no rotation.
 fn angle(rotation: [f64; 9]) -> f64 {
     let [a, b, c, d, e, f, g, h, i] = rotation;
-    // Twice the sine and the cosine: exact for small angles, too.
+    // Twice the sine and the cosine, which is also exact for small angles.
     let sine = (h - f).hypot(c - g).hypot(d - b);
     let cosine = a + e + i - 1.0;
     if rotation.iter().all(|&v| v == 0.0) {
@@ -206,7 +205,7 @@ fn angle(rotation: [f64; 9]) -> f64 {
     sine.atan2(cosine)
 }
 
-/// Of the image before it was rectified: `K` and `D`, which are those of the whole sensor.
+/// Reads the camera of the unrectified image: `K` and `D`, which refer to the full sensor.
 pub(super) fn parse(text: &str) -> Result<CameraFile, String> {
     let values = flatten(text);
     let find = |names: &[&str]| names.iter().find_map(|name| values.get(*name));
@@ -241,7 +240,7 @@ pub(super) fn parse(text: &str) -> Result<CameraFile, String> {
         return Err("has no camera_matrix or K of 9 numbers".to_owned());
     };
     let one = |name: &str| find(&[name]).and_then(|texts| texts.first());
-    // As `cv2.FileStorage` writes it for OpenCV's calibration program.
+    // The format of `cv2.FileStorage`, used by OpenCV's calibration program.
     let fisheye = one("fisheye_model").map(|flag| match flag.as_str() {
         "0" => Ok("plumb_bob".to_owned()),
         "1" => Ok("fisheye".to_owned()),
@@ -275,7 +274,7 @@ pub(super) fn parse(text: &str) -> Result<CameraFile, String> {
     })
 }
 
-/// Names (`outer.inner`) and their values, of which a list has several. That much of YAML is used.
+/// Returns names (`outer.inner`) and their values, several for a list. Only this subset of YAML is used.
 fn flatten(text: &str) -> HashMap<String, Vec<String>> {
     let mut values: HashMap<String, Vec<String>> = HashMap::new();
     let (mut outer, mut name) = (String::new(), String::new());

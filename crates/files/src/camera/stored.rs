@@ -1,11 +1,11 @@
-//! Cameras as they are written in files, and what of these is sound.
+//! Cameras as stored in files, and their validation.
 
 use super::Camera;
 use crate::pose::Pose;
 use lsdc_core::Lens;
 use serde::Deserialize;
 
-/// A camera as it is written in a file.
+/// A camera as stored in a file.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CameraFile {
@@ -84,7 +84,7 @@ impl TryFrom<CameraFile> for Camera {
     }
 }
 
-/// fx, fy, cx and cy of a matrix row by row.
+/// Returns fx, fy, cx and cy of a matrix row by row.
 pub(super) fn intrinsics(rows: [[f64; 3]; 3]) -> Result<[f64; 4], String> {
     let [[fx, skew, cx], [a, fy, cy], last] = rows;
     if rows.iter().flatten().all(|&v| v == 0.0) {
@@ -99,7 +99,7 @@ pub(super) fn intrinsics(rows: [[f64; 3]; 3]) -> Result<[f64; 4], String> {
     Ok([fx, fy, cx, cy])
 }
 
-/// A skew below this part of the focal length moves no pixel by a tenth.
+/// Largest skew as a share of the focal length; it moves no pixel by a tenth.
 const SKEW: f64 = 1e-4;
 
 impl LensModel {

@@ -11,7 +11,7 @@ const RADTAN: &str = "fx = 500\nfy = 510\ncx = 320\ncy = 240\nmodel = 'radtan'\n
 const FISHEYE: &str = "fx = 380\nfy = 380\ncx = 319.5\ncy = 239.5\nmodel = 'fisheye'\n\
     distortion = [-0.01, 0.02, -0.015, 0.003]\n";
 
-/// Answers of cv2.projectPoints and cv2.fisheye.projectPoints (OpenCV 5.0).
+/// Results of cv2.projectPoints and cv2.fisheye.projectPoints (OpenCV 5.0).
 #[test]
 fn points_appear_where_opencv_says() {
     for (text, expected) in [(RADTAN, OPENCV_RADTAN), (FISHEYE, OPENCV_FISHEYE)] {
@@ -57,7 +57,7 @@ fn pixels_lie_where_points_were() {
 
 #[test]
 fn poses_lead_from_the_world() {
-    // The camera stands at (2, 3, 1.5) and looks along the world's x, whose z is up.
+    // The camera is at (2, 3, 1.5) and looks along the world's x axis; the world's z axis is up.
     let camera = stored(
         "fx = 100\nfy = 100\ncx = 50\ncy = 40\n\
          camera_to_world = [[0,0,1,2],[-1,0,0,3],[0,-1,0,1.5],[0,0,0,1]]\n",
@@ -69,7 +69,7 @@ fn poses_lead_from_the_world() {
     assert!(camera.project([1.0, 3.0, 1.5]).is_none(), "behind it");
 }
 
-/// r (1 + k r^2) rises up to r = 1 / sqrt(-3 k), here 1.091.
+/// r (1 + k r^2) increases up to r = 1 / sqrt(-3 k), here 1.091.
 #[test]
 fn beyond_the_fold_nothing_is_seen() {
     let lens = "model = 'radtan'\ndistortion = [-0.28, 0.0, 0.0, 0.0]";
@@ -122,11 +122,11 @@ fn a_camera_of_another_shape_is_refused() {
         assert!(error.advice().is_some());
         assert!(camera.for_image(&size.into()).is_err());
     }
-    // Rounded to whole pixels.
+    // Sizes are rounded to whole pixels.
     assert!(camera.resized((1000, 751)).is_ok());
 }
 
-/// The reference is the image library's turn of the pixels: `orientation.rs`.
+/// The reference is the rotation of the pixels by the image library: `orientation.rs`.
 #[test]
 fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
     let sized = format!("{RADTAN}width = 640\nheight = 480\n");
@@ -144,7 +144,7 @@ fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
             for axis in 0..3 {
                 assert!((found[axis] - point[axis]).abs() < 1e-8, "{exif}");
             }
-            // At half the size the same is seen.
+            // Half the size has the same view.
             let (width, height) = image.upright();
             let half = turned.resized((width / 2, height / 2)).unwrap();
             let small = half.project(point).unwrap().0;
@@ -168,7 +168,7 @@ fn a_principal_point_outside_the_image_is_doubted() {
         text.contains("239.5, 500") && text.contains("640x480"),
         "{text}"
     );
-    // Of an image that is stored turned, the camera is that of the stored pixels.
+    // The camera of an image that is stored rotated is that of the stored pixels.
     assert_eq!(
         warning([500.0, 239.5], Orientation::new((640, 480), 6)),
         None
@@ -184,7 +184,7 @@ fn a_camera_of_the_upright_image_stays() {
     assert!(text.is_some_and(|text| text.contains("upright image")));
 }
 
-/// theta + k theta^3 rises up to theta = 1 / sqrt(-3 k), here 0.9129.
+/// theta + k theta^3 increases up to theta = 1 / sqrt(-3 k), here 0.9129.
 #[test]
 fn beyond_the_fold_a_fisheye_sees_nothing() {
     let lens = "model = 'fisheye'\ndistortion = [-0.4, 0.0, 0.0, 0.0]";
@@ -264,7 +264,7 @@ fn a_window_or_a_binning_of_the_sensor_is_refused() {
     }
 }
 
-/// What is read of a YAML file, or why not.
+/// Reads a YAML file.
 fn yaml(text: &str) -> Result<Camera> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("camera.yml");
@@ -272,7 +272,7 @@ fn yaml(text: &str) -> Result<Camera> {
     Camera::read(&path)
 }
 
-/// As `cv2.FileStorage` writes it for the calibration program of OpenCV (`samples/cpp/tutorial_code/calib3d`).
+/// Written by `cv2.FileStorage` in the calibration program of OpenCV (`samples/cpp/tutorial_code/calib3d`).
 const STORAGE: &str = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nfisheye_model: 1\n\
     camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 380., 0., 319.5, 0., 380., 239.5,\n\
     \x20      0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n\

@@ -1,14 +1,14 @@
-//! Codings of depths in integers that no file declares.
+//! Undeclared integer codings of depths.
 
 use std::collections::HashSet;
 
-/// Whether all positive numbers are those of SUN RGB-D: millimetres of 16 bits, rotated left by 3
-/// (`SUNRGBDtoolbox/read3dPoints.m`). Depths below 8.192 m are multiples of 8 then, and no larger factor is common to
-/// all. Single steps of 8 in plain millimetres look the same, so there must be many different numbers.
+/// Whether all positive numbers are coded as in SUN RGB-D: 16-bit millimetres, rotated left by 3
+/// (`SUNRGBDtoolbox/read3dPoints.m`). Depths below 8.192 m are then multiples of 8, and no larger factor is common to all.
+/// Millimetres in steps of 8 would look the same if they took few values, so many distinct numbers are required.
 pub fn is_rotated(values: &[f32]) -> bool {
-    /// So many different numbers have no factor in common by chance.
+    /// Distinct numbers above this count have no common factor by chance.
     const MANY: usize = 32;
-    /// The share of depths beyond 8.192 m.
+    /// Largest share of depths beyond 8.192 m.
     const FAR: f64 = 0.1;
     let (mut all, mut far, mut common) = (0_usize, 0_usize, 0_u16);
     let mut different = HashSet::new();
@@ -26,7 +26,7 @@ pub fn is_rotated(values: &[f32]) -> bool {
             continue;
         }
         far += 1;
-        // Most maps are decided here, after a few pixels.
+        // Most maps are rejected here, after a few pixels.
         if far as f64 > FAR * values.len() as f64 {
             return false;
         }
@@ -34,14 +34,14 @@ pub fn is_rotated(values: &[f32]) -> bool {
     common == 8 && different.len() >= MANY && far as f64 <= FAR * all as f64
 }
 
-/// Rotates the bits back: millimetres.
+/// Rotates the bits back, to millimetres.
 pub fn rotate_back(values: &mut [f32]) {
     for value in values.iter_mut().filter(|v| **v > 0.0) {
         *value = f32::from((*value as u16).rotate_right(3));
     }
 }
 
-/// The greatest common divisor.
+/// Returns the greatest common divisor.
 fn divisor(a: u16, b: u16) -> u16 {
     if b == 0 { a } else { divisor(b, a % b) }
 }

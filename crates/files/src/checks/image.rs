@@ -1,20 +1,20 @@
-//! Images that use a small part of their range.
+//! Images that use a small part of their value range.
 
 use super::Warning;
 use image::{DynamicImage, Rgb, RgbImage};
 
-/// Values that all lie below need at most 14 bits: a sensor of 10, 12 or 14 bits, stored in 16.
+/// Upper limit of 14-bit values: a sensor of 10, 12 or 14 bits, stored in 16.
 const DEEP: u16 = 1 << 14;
-/// Values within a smaller share of the range, wherever they lie, have too little contrast.
+/// Smallest range of values with sufficient contrast, wherever it lies.
 const NARROW: u16 = u16::MAX / 16;
-/// The same of 8 bits.
+/// [`NARROW`] for 8 bits.
 const LEVELS: u8 = 16;
 
-/// An image as 8-bit RGB, and what should be checked of it.
+/// Converts an image to 8-bit RGB, with a warning about it.
 ///
-/// Images of 16 bits are divided by 257, as usual, if they use more than a quarter of the range. Else they are
-/// stretched: by the number of bits of the largest value, or, where all values lie close together far from 0 as the
-/// counts of a thermal camera do, from the 0.1th to the 99.9th percentile. Images of 8 bits keep their values.
+/// Images of 16 bits are divided by 257, as usual, if they use more than a quarter of the range. Otherwise they are
+/// stretched: by the number of bits of the largest value, or, if all values are close together far from 0 as the counts of
+/// a thermal camera are, from the 0.1th to the 99.9th percentile. Images of 8 bits keep their values.
 pub fn to_rgb8(image: DynamicImage) -> (RgbImage, Option<Warning>) {
     let image: DynamicImage = match image {
         DynamicImage::ImageLumaA16(_) => image.into_luma16().into(),
@@ -36,7 +36,7 @@ pub fn to_rgb8(image: DynamicImage) -> (RgbImage, Option<Warning>) {
     (stretched.unwrap_or_else(|| image.into_rgb8()), warning)
 }
 
-/// Values at the 0.1th and 99.9th percentiles, by their histogram.
+/// Returns the 0.1th and 99.9th percentiles of a histogram.
 fn percentiles(counts: &[u32]) -> (usize, usize) {
     let all: u64 = counts.iter().map(|&count| u64::from(count)).sum();
     let few = all / 1000;
@@ -55,7 +55,7 @@ fn percentiles(counts: &[u32]) -> (usize, usize) {
     (low, high)
 }
 
-/// The image of values of 16 bits, grey or in colour, if it uses a small part of their range.
+/// Stretches 16-bit values, grey or in colour, if they use a small part of their range.
 fn stretched(values: &[u16], (width, height): (u32, u32)) -> (Option<RgbImage>, Option<Warning>) {
     let mut counts = vec![0_u32; 1 << 16];
     for &v in values {
@@ -67,7 +67,7 @@ fn stretched(values: &[u16], (width, height): (u32, u32)) -> (Option<RgbImage>, 
     if (high >= DEEP && !narrow) || high == low {
         return (None, None);
     }
-    // Counts that lie close together far from 0 have no black of their own.
+    // Counts that are close together far from 0 have no black level.
     let (low, high) = if narrow && low > high / 2 {
         (low, high)
     } else {
@@ -109,7 +109,7 @@ fn dark(image: &RgbImage) -> Option<Warning> {
 }
 
 fn clamped(image: &image::Rgb32FImage) -> Option<Warning> {
-    /// Single highlights above white are usual.
+    /// Isolated highlights above white are usual.
     const MANY: f64 = 0.01;
     let values = image.as_raw();
     let outside = values.iter().filter(|v| !(0.0..=1.0).contains(*v)).count();
@@ -169,7 +169,7 @@ mod tests {
     fn images_that_use_their_range_keep_their_bits() {
         let image = grey(|x| 650 * x as u16);
         assert_eq!(to_rgb8(image.clone()), (image.into_rgb8(), None));
-        // A few saturated pixels do not hide ten bits.
+        // A few saturated pixels do not hide a 10-bit range.
         let (_, warning) = to_rgb8(grey(|x| (x * 10) as u16));
         assert!(warning.is_some());
         let colour = RgbImage::from_fn(100, 10, |x, y| Rgb([x as u8, y as u8, 99]));

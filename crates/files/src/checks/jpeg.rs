@@ -1,23 +1,22 @@
-//! JPEG files that were cut off, which decoders fill up with grey.
+//! Detects truncated JPEG files, which decoders fill up with grey.
 //!
-//! ITU-T T.81: markers (annex B), Huffman codes (annex C and F.2.2). Blocks of sequential images are counted by
-//! decoding the lengths of their codes, so that an image without an end marker, as some cameras send them in MJPEG, is
-//! whole if its blocks are. Progressive images need their end marker, and scans that refine every coefficient to its
-//! last bit (annex G).
+//! ITU-T T.81: markers (annex B), Huffman codes (annex C and F.2.2). Blocks of sequential images are counted by decoding
+//! the lengths of their codes, so that an image without an end marker, which some cameras omit in MJPEG, is complete if its
+//! blocks are. Progressive images need their end marker, and scans that refine every coefficient to its last bit (annex G).
 
 use std::collections::HashMap;
 use std::fmt::{Display, Formatter};
 
-/// Where a JPEG ends too early.
+/// Where a JPEG is truncated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CutOff {
     /// Before its first scan.
     Header,
-    /// Within the blocks of a scan, after so many of the rows of pixels.
+    /// Within the blocks of a scan, after some rows of pixels.
     Rows {
-        /// Rows that are there.
+        /// Number of complete rows.
         rows: usize,
-        /// Rows of the image.
+        /// Number of rows of the image.
         of: usize,
     },
     /// Before its last scans, which refine the image.
@@ -44,11 +43,11 @@ impl Display for CutOff {
 
 impl std::error::Error for CutOff {}
 
-/// Checks that a JPEG is complete. Bytes behind its end, thumbnails in its header and a missing end marker behind
-/// complete rows are no errors. Bytes of other formats pass.
+/// Checks that a JPEG is complete. Bytes after its end, thumbnails in its header, and a missing end marker after complete
+/// rows are accepted. Other formats are not checked.
 ///
 /// # Errors
-/// Where the file ends too early.
+/// The file is truncated.
 pub fn check_jpeg(bytes: &[u8]) -> Result<(), CutOff> {
     if !bytes.starts_with(&[0xff, SOI]) {
         return Ok(());
@@ -93,7 +92,7 @@ pub fn check_jpeg(bytes: &[u8]) -> Result<(), CutOff> {
 const SOI: u8 = 0xd8;
 const EOI: u8 = 0xd9;
 
-/// The next marker, and where what follows it begins. Fill bytes and whatever lies between are skipped.
+/// Returns the next marker, and the position after it. Fill bytes and any other bytes before it are skipped.
 fn next_marker(bytes: &[u8], from: usize) -> Option<(u8, usize)> {
     let rest = bytes.get(from..)?;
     let is_marker = |pair: &[u8]| pair[0] == 0xff && !matches!(pair[1], 0 | 0xff);
@@ -101,7 +100,7 @@ fn next_marker(bytes: &[u8], from: usize) -> Option<(u8, usize)> {
     Some((rest[place + 1], from + place + 2))
 }
 
-/// The segment whose length lies at `at`, without the length.
+/// Returns the segment whose length field is at `at`, without the length.
 fn segment(bytes: &[u8], at: usize) -> Option<&[u8]> {
     let length = bytes
         .get(at..)?
@@ -110,23 +109,23 @@ fn segment(bytes: &[u8], at: usize) -> Option<&[u8]> {
     bytes.get(at + 2..at + length.max(2))
 }
 
-/// What the header says, as far as it matters here.
+/// The relevant parts of the header.
 #[derive(Default)]
 struct Image {
     frame: Option<Frame>,
-    /// Of DC and of AC coefficients.
+    /// Huffman tables of DC and of AC coefficients.
     tables: [[Option<Table>; 4]; 2],
-    /// Units between restart markers; 0: there are none.
+    /// Units between restart markers; 0 if there are none.
     interval: usize,
     scans: usize,
-    /// Components whose blocks are complete.
+    /// Identifiers of the components whose blocks are complete.
     complete: Vec<u8>,
-    /// Of components of progressive images, by coefficient: bits that are still missing.
+    /// Missing bits by coefficient, for each component of a progressive image.
     missing: HashMap<u8, [u8; 64]>,
 }
 
 impl Image {
-    /// The file has ended.
+    /// Checks completeness at the end of the file.
     fn at_end(&self) -> Result<(), CutOff> {
         match &self.frame {
             Some(frame) if self.is_complete(frame) => Ok(()),
@@ -135,7 +134,7 @@ impl Image {
         }
     }
 
-    /// The end marker was found.
+    /// Checks completeness at the end marker.
     fn at_marker(&self) -> Result<(), CutOff> {
         match &self.frame {
             _ if self.scans == 0 => Err(CutOff::Header),
@@ -147,7 +146,7 @@ impl Image {
         }
     }
 
-    /// Whether blocks of this image were counted at all.
+    /// Whether blocks of this image were counted.
     fn counts(&self, frame: &Frame) -> bool {
         frame.sequential && !self.complete.is_empty()
     }
@@ -163,8 +162,8 @@ impl Image {
         frame.components.iter().all(whole)
     }
 
-    /// Notes what a scan of a progressive image brings: components, the first and last coefficient, and in the low
-    /// half of the last byte the bits that later scans bring.
+    /// Records the progress of a scan of a progressive image. Its header contains the components, the first and last
+    /// coefficient and, in the low half of the last byte, the number of bits left for later scans.
     fn refine(&mut self, header: &[u8]) {
         const NEVER: u8 = u8::MAX;
         let Some((&count, parts)) = header.split_first() else {
@@ -196,8 +195,8 @@ impl Image {
         }
     }
 
-    /// Passes the entropy-coded data of a scan, which begin at `at`; returns where they end. Blocks are counted if
-    /// the image is sequential and its tables are known.
+    /// Skips the entropy-coded data of a scan, which starts at `at`, and returns its end. Blocks are counted if the image
+    /// is sequential and its tables are known.
     fn scan(&mut self, header: &[u8], bytes: &[u8], at: usize) -> Result<usize, CutOff> {
         let counted = self
             .frame
@@ -224,7 +223,7 @@ impl Image {
     }
 }
 
-/// Where entropy-coded data end: at the first marker that is no restart.
+/// Returns the end of entropy-coded data: the first marker that is not a restart.
 fn end_of_data(bytes: &[u8], mut at: usize) -> usize {
     while let Some((marker, body)) = next_marker(bytes, at) {
         if !matches!(marker, 0xd0..=0xd7) {
@@ -237,7 +236,7 @@ fn end_of_data(bytes: &[u8], mut at: usize) -> usize {
 
 struct Component {
     id: u8,
-    /// Blocks of a unit across and down.
+    /// Number of blocks per unit, across and down.
     across: usize,
     down: usize,
 }
@@ -245,26 +244,26 @@ struct Component {
 struct Frame {
     width: usize,
     height: usize,
-    /// Huffman codes, neither progressive nor lossless.
+    /// Whether codes are Huffman codes, neither progressive nor lossless.
     sequential: bool,
     progressive: bool,
     components: Vec<Component>,
 }
 
-/// What is counted of a scan.
+/// Parameters for counting the blocks of a scan.
 struct Scan<'a> {
     units: usize,
-    /// Units in a row, and rows of pixels of a unit.
+    /// Units per row and, below, rows of pixels per unit.
     across: usize,
     down: usize,
     height: usize,
-    /// Blocks of each component in a unit, with its tables.
+    /// Number of blocks of each component in a unit, with its tables.
     blocks: Vec<(usize, &'a Table, &'a Table)>,
     ids: Vec<u8>,
 }
 
 impl Scan<'_> {
-    /// The file ends in this unit.
+    /// Returns the error of a file that ends in this unit.
     fn cut_off(&self, unit: usize) -> CutOff {
         CutOff::Rows {
             rows: (unit / self.across.max(1) * self.down).min(self.height),
@@ -290,7 +289,7 @@ impl Frame {
         })
     }
 
-    /// The scan with this header; nothing if its blocks cannot be counted.
+    /// Reads the header of a scan; `None` if its blocks cannot be counted.
     fn scan<'a>(&self, header: &[u8], tables: &'a [[Option<Table>; 4]; 2]) -> Option<Scan<'a>> {
         let (&count, parts) = header.split_first()?;
         let parts = parts.as_chunks::<2>().0.get(..usize::from(count))?;
@@ -301,7 +300,7 @@ impl Frame {
         let (across, down) = (most(|part| part.across)?, most(|part| part.down)?);
         let mut blocks = Vec::new();
         let mut ids = Vec::new();
-        // A scan of one component has a block in each unit, and as many as its own samples need.
+        // A scan of a single component has one block per unit, and only as many units as its own samples need.
         let alone = parts.len() == 1;
         let mut unit = (8 * across, 8 * down);
         for &[id, selector] in parts {
@@ -327,7 +326,7 @@ impl Frame {
     }
 }
 
-/// The code length and symbol for each beginning of 16 bits; a length of 0 is no code.
+/// Code length and symbol for each 16-bit prefix; a length of 0 is not a code.
 struct Table(Vec<(u8, u8)>);
 
 impl Table {
@@ -338,7 +337,7 @@ impl Table {
         for (length, &count) in (1_u8..).zip(lengths) {
             for &symbol in symbols.by_ref().take(usize::from(count)) {
                 let end = start + (1 << (16 - length));
-                // More codes than there are bits for: a damaged table, of which the rest is ignored.
+                // The table is damaged, with more codes than there are bits for; the rest is ignored.
                 let Some(places) = table.get_mut(start..end) else {
                     return Self(table);
                 };
@@ -350,11 +349,11 @@ impl Table {
     }
 }
 
-/// The bits of entropy-coded data.
+/// Bit reader of entropy-coded data.
 struct Bits<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// The next bits, the first of them at the top.
+    /// The next bits, the first in the highest bit.
     buffer: u64,
     count: u32,
 }
@@ -369,7 +368,7 @@ impl<'a> Bits<'a> {
         }
     }
 
-    /// Holds at least 48 bits, unless the data end before.
+    /// Fills the buffer to at least 48 bits, unless the data end before.
     fn fill(&mut self) {
         while self.count <= 48 {
             let Some(&byte) = self.bytes.get(self.at) else {
@@ -378,7 +377,7 @@ impl<'a> Bits<'a> {
             if byte == 0xff {
                 match self.bytes.get(self.at + 1) {
                     Some(0) => self.at += 1,
-                    // A marker, or the end.
+                    // A marker, or the end of the data.
                     _ => return,
                 }
             }
@@ -388,14 +387,14 @@ impl<'a> Bits<'a> {
         }
     }
 
-    /// Passes so many bits, if they are there.
+    /// Skips bits; `None` if there are too few.
     fn skip(&mut self, bits: u32) -> Option<()> {
         self.count = self.count.checked_sub(bits)?;
         self.buffer = self.buffer.checked_shl(bits).unwrap_or(0);
         Some(())
     }
 
-    /// The next symbol, whose low 4 bits are the length of the number behind it, which is passed too.
+    /// Returns the next symbol, whose low 4 bits are the length of the number after it, and skips that number.
     fn symbol(&mut self, table: &Table) -> Option<u8> {
         if self.count < 32 {
             self.fill();
@@ -408,7 +407,7 @@ impl<'a> Bits<'a> {
         Some(symbol)
     }
 
-    /// Passes a block of 64 coefficients.
+    /// Skips a block of 64 coefficients.
     fn block(&mut self, dc: &Table, ac: &Table) -> Option<()> {
         self.symbol(dc)?;
         let mut coefficient = 1;
@@ -421,7 +420,7 @@ impl<'a> Bits<'a> {
         Some(())
     }
 
-    /// Passes a restart marker; whether there is one.
+    /// Skips a restart marker. Returns whether there was one.
     fn restart(&mut self) -> bool {
         match next_marker(self.bytes, self.at) {
             Some((0xd0..=0xd7, body)) => {
@@ -446,7 +445,7 @@ mod tests {
         })
     }
 
-    /// A sequential JPEG, in colour with halved chroma or grey.
+    /// A sequential JPEG, grey or in colour with subsampled chroma.
     fn jpeg(grey: bool) -> Vec<u8> {
         let mut bytes = Vec::new();
         let encoder = JpegEncoder::new_with_quality(&mut bytes, 85);
@@ -466,19 +465,19 @@ mod tests {
         for bytes in [jpeg(false), jpeg(true)] {
             assert_eq!(check_jpeg(&bytes), Ok(()));
             let length = bytes.len();
-            // Without the end marker, as of some cameras, and with whatever behind it.
+            // Without the end marker, as some cameras omit it, and with other data after it.
             assert_eq!(check_jpeg(&bytes[..length - 2]), Ok(()));
             assert_eq!(check_jpeg(&[&bytes[..], b"motion photo"].concat()), Ok(()));
             for end in (2..length - 3).step_by(7) {
                 assert!(check_jpeg(&bytes[..end]).is_err(), "{end} of {length}");
-                // Closed by a program that noticed.
+                // Truncated, with an end marker appended by a program.
                 let closed = [&bytes[..end], &[0xff, EOI]].concat();
                 assert!(check_jpeg(&closed).is_err(), "{end} of {length}, closed");
             }
         }
     }
 
-    /// Headers of scans, as libjpeg writes them in its simplest script, with a few bytes for the data.
+    /// Headers of scans, as written by libjpeg in its simplest script, with a few bytes of data.
     #[test]
     fn a_progressive_jpeg_is_whole_if_every_coefficient_has_all_its_bits() {
         let scan = |ids: &[u8], [first, last, bits]: [u8; 3]| {

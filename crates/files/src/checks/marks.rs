@@ -3,27 +3,27 @@
 use super::{NumberType, Warning};
 use std::collections::HashSet;
 
-/// The format of stored numbers.
+/// Format of stored numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct NumberFormat {
-    /// Their type.
+    /// Number type.
     pub numbers: NumberType,
-    /// Metres to one.
+    /// Metres per unit.
     pub metres: f64,
-    /// The value that the file itself declares as no measurement: a nodata tag, a fill value.
+    /// Value that the file declares as no measurement: a nodata tag, a fill value.
     pub declared: Option<f64>,
 }
 
-/// Backgrounds of renderers and marks of programs in floating-point numbers: the largest number of 16 bits with and
-/// without a sign, as metres too where it was millimetres, the largest of binary16 (65504) and of binary32, Blender's.
+/// Backgrounds of renderers and markers of programs in floating-point numbers: the largest unsigned and signed 16-bit
+/// integers, also in metres if they were millimetres; the largest binary16 (65504) and binary32; and Blender's.
 const FLOATS: [f32; 6] = [65504.0, 65535.0, 65.535, 32767.0, 1e10, f32::MAX];
 
-/// No depth in an image lies beyond, in metres, if the others are much nearer.
+/// Largest depth in an image in metres, if the others are much nearer.
 const BEYOND: f64 = 1e5;
-/// How much nearer: the factor between the median and what lies beyond.
+/// How much nearer: factor between the median and values beyond the limit.
 const FAR: f32 = 100.0;
 
-/// The share of pixels that makes a cluster of one value, and the number at least.
+/// Smallest share of pixels of a cluster of one value and, below, their smallest number.
 const SHARE: f64 = 0.01;
 const FEW: usize = 10;
 
@@ -34,13 +34,14 @@ const IMPLAUSIBLE: &str = "implausibly far beyond the other depths, as a backgro
 const POWER: &str = "the largest number of a sensor with fewer bits";
 const GAP: &str = "the same number in many pixels, far from all others";
 
-/// Replaces values that mark missing measurements by NaN, and returns what was found, also where it was kept.
+/// Replaces values that mark missing measurements by NaN. Returns warnings about them, also for values that were kept.
 ///
-/// Candidates are the declared value, the largest integer of the type, known backgrounds of floating-point maps, and
-/// whatever is 100 times as far as the median and beyond 100 km. A candidate is left out where it stands apart: no
-/// value lies within the 10 % below it, or at least 1 % of the measured pixels hold it and ten times as many as lie
-/// within these 10 %. Else it is kept and reported, as is a value that at least 1 % of the measured pixels hold and
-/// that is twice as far as the next, or half as near.
+/// The declared value is left out, as are values that are 100 times as far as the median and beyond 100 km. The largest
+/// integer of the type and known backgrounds of floating-point maps are left out if they are isolated: no value is within the
+/// 10 % below, or they occur at 1 % of the measured pixels or more, and ten times as often as values within these 10 %.
+/// Otherwise they are kept and reported. Also kept and reported are a largest value that is isolated, frequent and the
+/// largest number of fewer bits, and a value at 1 % of the measured pixels or more that is twice as far as the next, or half
+/// as near.
 pub fn leave_out_marks(values: &mut [f32], known: &NumberFormat) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let all = values.len();
@@ -66,7 +67,7 @@ pub fn leave_out_marks(values: &mut [f32], known: &NumberFormat) -> Vec<Warning>
         leave_out(values, declared, DECLARED, &|v| v == declared as f32);
     }
     let mut suspected = None;
-    // Each round leaves out one value; files with more marks than this are unheard of.
+    // Each round leaves out one value; files with more markers are not known.
     for _ in 0..4 {
         let Some(extremes) = Extremes::of(values) else {
             break;
@@ -103,7 +104,7 @@ pub fn leave_out_marks(values: &mut [f32], known: &NumberFormat) -> Vec<Warning>
             extremes.is_cluster(extremes.high_count) && extremes.next_high < 0.5 * extremes.high;
         let near =
             extremes.is_cluster(extremes.low_count) && extremes.next_low > 2.0 * extremes.low;
-        // A scene of a few planes holds few numbers, all of them in many pixels.
+        // A scene of a few planes has few distinct values, each at many pixels.
         let spread = (far || near) && is_varied(values);
         let high = (far && spread).then_some((extremes.high, GAP, extremes.high_count));
         let low = (near && spread).then_some((extremes.low, GAP, extremes.low_count));
@@ -119,8 +120,8 @@ pub fn leave_out_marks(values: &mut [f32], known: &NumberFormat) -> Vec<Warning>
     warnings
 }
 
-/// As [`leave_out_marks`] for a guide, whose numbers have no unit and often fill the range of their type: what is
-/// kept is reported only where it is a cluster.
+/// [`leave_out_marks`] for a guide, whose numbers have no unit and often fill the range of their type: a value that is kept
+/// is reported only if it is a cluster.
 pub fn marks_in_guide(
     values: &mut [f32],
     numbers: NumberType,
@@ -137,7 +138,7 @@ pub fn marks_in_guide(
     warnings
 }
 
-/// Whether a map holds many different values.
+/// Whether a map has many distinct values.
 fn is_varied(values: &[f32]) -> bool {
     const MANY: usize = 32;
     let mut different = HashSet::new();
@@ -148,7 +149,7 @@ fn is_varied(values: &[f32]) -> bool {
     })
 }
 
-/// Why a largest value may be a mark, and whether it is known as one.
+/// Returns why a largest value may be a marker, and whether it is a known one.
 fn candidate(top: f32, numbers: NumberType) -> Option<(&'static str, bool)> {
     match numbers {
         NumberType::Booleans => None,
@@ -160,7 +161,7 @@ fn candidate(top: f32, numbers: NumberType) -> Option<(&'static str, bool)> {
             {
                 return Some((LARGEST, true));
             }
-            // 2047 to 32767, and -32768 that was read without its sign.
+            // 2047 to 32767, and -32768 read as unsigned.
             let power =
                 (11..=15).any(|bits| top == f32::from((1_u16 << bits) - 1)) || top == 32768.0;
             power.then_some((POWER, false))
@@ -168,11 +169,11 @@ fn candidate(top: f32, numbers: NumberType) -> Option<(&'static str, bool)> {
     }
 }
 
-/// The ends of the positive and finite values.
+/// Extremes of the positive and finite values.
 struct Extremes {
     measured: usize,
     high: f32,
-    /// How many hold it.
+    /// Number of pixels with the value `high`.
     high_count: usize,
     next_high: f32,
     low: f32,
@@ -181,7 +182,7 @@ struct Extremes {
 }
 
 impl Extremes {
-    /// Nothing of a map without measurements.
+    /// Returns `None` for a map without measurements.
     fn of(values: &[f32]) -> Option<Self> {
         let mut extremes = Self {
             measured: 0,
@@ -219,7 +220,7 @@ impl Extremes {
         count >= FEW && count as f64 >= SHARE * self.measured as f64
     }
 
-    /// The value above which nothing is a depth, if there is something.
+    /// Returns the limit above which values are not depths, if any value is above it.
     fn beyond(&self, values: &[f32], metres: f64) -> Option<f32> {
         let limit = (BEYOND / metres) as f32;
         if self.high < limit {
@@ -243,7 +244,7 @@ mod tests {
 
     const U16: NumberType = NumberType::unsigned(16);
 
-    /// 1000 values from 1000 on in steps of 7, of which the first `count` are `mark`.
+    /// 1000 values, of which the first `count` are `mark`; the others start at 1000 and increase in steps of `step`.
     fn with(mark: f32, count: usize, step: f32) -> Vec<f32> {
         let value = |i: usize| {
             if i < count {
@@ -295,7 +296,7 @@ mod tests {
 
     #[test]
     fn the_largest_number_among_its_like_is_kept_and_reported() {
-        // 65535 is one of the steps.
+        // 65535 is one of the regular values.
         let mut values: Vec<f32> = (0..1000).map(|i| 65535.0 - 9.0 * i as f32).collect();
         let warnings = found(&mut values, U16, 0.001);
         assert!(
@@ -310,9 +311,9 @@ mod tests {
             "{warnings:?}"
         );
         assert!(values.iter().all(|v| v.is_finite()));
-        // In a guide that is the usual end of the range.
+        // In a guide this is the usual end of the range.
         assert_eq!(marks_in_guide(&mut values, U16, None), []);
-        // Sky at the end of a range that is used to the end (Virtual KITTI 2).
+        // Sky at the end of a fully used range (Virtual KITTI 2).
         let mut values: Vec<f32> = (0..1000)
             .map(|i| if i < 200 { 65535.0 } else { 60.0 * i as f32 })
             .collect();
@@ -329,7 +330,7 @@ mod tests {
             let warnings = found(&mut values, NumberType::Floats, 1.0);
             assert_eq!(left_out(&warnings), [(f64::from(mark), 300)]);
         }
-        // Filtered edges of a background lie between.
+        // Interpolated edges of a background have values in between.
         let mut values = vec![1e10, 5e9, 1e8, 2.0, 3.0, 4.0, 2.5, f32::NAN, -1.0, 0.0];
         let warnings = found(&mut values, NumberType::Floats, 1.0);
         assert_eq!(left_out(&warnings), [(1e10, 3)]);

@@ -1,5 +1,5 @@
-//! Checks of what was read: values that mark missing measurements, units and codings that are implausible, choices
-//! between several arrays, images that use little of their range, files that were cut off.
+//! Checks of inputs: values that mark missing measurements, implausible units and codings, choices between several arrays,
+//! images that use little of their range, truncated files.
 //!
 //! All readers use these functions: those of files, recordings, the service, Python and C. They take numbers and their
 //! format, print nothing, and return [`Warning`]s, whose texts become remarks.
@@ -22,65 +22,65 @@ pub use numbers::NumberType;
 use crate::Unit;
 use std::fmt::{Display, Formatter};
 
-/// A warning about something that was read. Its text is one sentence without a full stop.
+/// A warning about an input. Its text is one sentence without a full stop.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Warning {
-    /// Depths that are a mark of no measurement were left out.
+    /// Depths equal to a marker of missing measurements were left out.
     LeftOut {
         /// The value, in stored numbers.
         value: f64,
         /// Why it is no measurement.
         why: &'static str,
-        /// Depths that are it.
+        /// Number of depths with this value.
         count: usize,
-        /// All depths.
+        /// Number of all depths.
         of: usize,
     },
-    /// Depths are a value that may mark missing measurements. They were kept.
+    /// Depths have a value that may mark missing measurements. They were kept.
     Suspected {
         /// The value, in stored numbers.
         value: f64,
-        /// What is odd about it.
+        /// Why it may be a marker.
         why: &'static str,
-        /// Depths that are it.
+        /// Number of depths with this value.
         count: usize,
-        /// All depths.
+        /// Number of all depths.
         of: usize,
     },
     /// Integers were decoded as SUN RGB-D stores them.
     Rotated,
-    /// Integers may be stored as in SUN RGB-D. They were taken as they are.
+    /// Integers may be stored as in SUN RGB-D. They were kept unchanged.
     MaybeRotated,
     /// The median depth is implausible in the unit that was assumed.
     Unit {
         /// The assumed unit.
         unit: Unit,
-        /// The median in metres that follows from it.
+        /// Resulting median in metres.
         median: f32,
     },
-    /// A name says that the values are distances along the ray, not depths.
+    /// A name denotes distances along the ray rather than depths.
     RayDistance {
         /// The name, or the data set that stores such distances.
         name: String,
     },
-    /// A name says that the values are disparities or inverse depths.
+    /// A name denotes disparities or inverse depths.
     Inverse {
         /// The name.
         name: String,
     },
-    /// All of many depths are the same number, as in a mask.
+    /// All of many depths have the same value, as in a mask.
     Constant {
         /// The depth in metres.
         depth: f32,
-        /// How many there are.
+        /// Number of depths.
         count: usize,
     },
     /// One of several arrays, channels, parts or pages was read.
     Chosen {
-        /// What they are, such as `channel`.
+        /// Kind of the choices, such as `channel`.
         what: &'static str,
-        /// The one that was read.
+        /// Name of the choice that was read.
         name: String,
         /// The others.
         others: Vec<String>,
@@ -94,7 +94,7 @@ pub enum Warning {
         /// Pixels of the window outside the picture.
         outside: usize,
     },
-    /// An image is a window of a larger picture. It was taken as it is.
+    /// An image is a window of a larger picture. It was used unchanged.
     Offset {
         /// Left and top of the window.
         position: [i64; 2],
@@ -103,9 +103,9 @@ pub enum Warning {
     Scale(f64),
     /// An image uses a small part of its range and was stretched.
     Stretched {
-        /// The value that became black.
+        /// Value mapped to black.
         low: u16,
-        /// The value that became white.
+        /// Value mapped to white.
         high: u16,
     },
     /// An image uses a small part of its range. It was kept.
@@ -123,15 +123,15 @@ pub enum Warning {
 }
 
 impl Warning {
-    /// A warning that the first of `count` is read, if there are several.
+    /// Returns a warning that the first of `count` was read, if there are several.
     pub(crate) fn first(what: &'static str, count: usize) -> Option<Self> {
-        /// More are not listed.
+        /// Largest number of listed names.
         const MOST: usize = 1000;
         let others = (2..=count.min(MOST)).map(|number| number.to_string());
         Self::chosen(what, "1".to_owned(), others.collect())
     }
 
-    /// A warning that one is read, if there are others. `what` is what they are, such as `channel`.
+    /// Returns a warning that one choice was read, if there are others. `what` is their kind, such as `channel`.
     pub(crate) fn chosen(what: &'static str, name: String, others: Vec<String>) -> Option<Self> {
         (!others.is_empty()).then_some(Self::Chosen { what, name, others })
     }
@@ -142,9 +142,9 @@ impl Warning {
     }
 }
 
-/// A warning if the median depth in metres is implausible, as where millimetres are taken for metres.
+/// Returns a warning if the median depth in metres is implausible, for example if millimetres are taken for metres.
 pub fn implausible_unit(unit: Unit, mut depths: Vec<f32>) -> Option<Warning> {
-    /// No median of the depths of an image is so large, or so small.
+    /// Largest and smallest plausible median of the depths of an image.
     const FAR: f32 = 200.0;
     const NEAR: f32 = 0.02;
     if depths.is_empty() {
@@ -155,9 +155,9 @@ pub fn implausible_unit(unit: Unit, mut depths: Vec<f32>) -> Option<Warning> {
     (!(NEAR..=FAR).contains(&median)).then_some(Warning::Unit { unit, median })
 }
 
-/// A warning if many depths in metres are the same, as those of a mask.
+/// Returns a warning if many depths in metres are equal, as in a mask.
 pub fn constant(mut depths: impl Iterator<Item = f32>) -> Option<Warning> {
-    /// Fewer may well be the same.
+    /// Fewer depths may well be equal.
     const MANY: usize = 100;
     let depth = depths.next()?;
     let mut count = 1;
@@ -170,7 +170,7 @@ pub fn constant(mut depths: impl Iterator<Item = f32>) -> Option<Warning> {
     (count >= MANY).then_some(Warning::Constant { depth, count })
 }
 
-/// A share as text, with two digits where it is small.
+/// Formats a share in percent, with two digits if it is small.
 fn percent(count: usize, of: usize) -> String {
     let share = 100.0 * count as f64 / of.max(1) as f64;
     if share >= 1.0 {
@@ -195,7 +195,7 @@ fn pixels(count: usize) -> String {
     format!("{count} pixel{}", if count == 1 { "" } else { "s" })
 }
 
-/// A stored number, as short as it is known.
+/// Formats a stored number with as many digits as it has.
 fn number(value: f64) -> String {
     let value = value as f32;
     if value.abs() >= 1e7 {

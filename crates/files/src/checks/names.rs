@@ -1,9 +1,9 @@
-//! What names of files, arrays and channels say about their values.
+//! Meaning of values by the names of files, arrays and channels.
 
 use super::Warning;
 
-/// The words of names that say distance along the ray. Hypersim and CARLA's lidar say `distance`, `SemanticKITTI` and
-/// Ouster `range`, `AirSim` `perspective`.
+/// Words that denote distances along the ray: `distance` in Hypersim and CARLA's lidar, `range` in `SemanticKITTI` and
+/// Ouster, `perspective` in `AirSim`.
 pub const RAY: [&str; 7] = [
     "distance",
     "distances",
@@ -13,13 +13,13 @@ pub const RAY: [&str; 7] = [
     "euclidean",
     "perspective",
 ];
-/// Words that say depth along the axis all the same, as in Isaac Sim's `distance_to_image_plane`.
+/// Words that denote depth along the axis nevertheless, as in Isaac Sim's `distance_to_image_plane`.
 const PLANAR: [&str; 2] = ["plane", "planar"];
 
-/// The words of names that say depth, in the order of preference; `z` is the usual channel of EXR.
+/// Words that denote depth, in order of preference; `z` is the usual channel of EXR.
 const DEPTH: [&str; 6] = ["z", "depth", "depths", "zdepth", "depthz", "sparse"];
 
-/// The words of a name in small letters: parts between characters that are no letters, and humps.
+/// Splits a name into lower-case words at characters that are not letters, and at camel-case boundaries.
 fn words(name: &str) -> impl Iterator<Item = String> {
     let mut words = vec![String::new()];
     let mut before_small = false;
@@ -38,14 +38,13 @@ fn words(name: &str) -> impl Iterator<Item = String> {
     words.into_iter().filter(|word| !word.is_empty())
 }
 
-/// Whether a name of a file, an array or a channel says that its values are distances along the ray.
+/// Whether the name of a file, an array or a channel denotes distances along the ray.
 pub fn is_ray_distance(name: &str) -> bool {
     let has = |known: &[&str]| words(name).any(|word| known.contains(&&word[..]));
     has(&RAY) && !has(&PLANAR)
 }
 
-/// The words of names that say disparity or inverse depth, as in the results of stereo and of networks such as Depth
-/// Anything.
+/// Words that denote disparity or inverse depth, as in the results of stereo and of networks such as Depth Anything.
 const INVERSE: [&str; 7] = [
     "disparity",
     "disparities",
@@ -56,7 +55,8 @@ const INVERSE: [&str; 7] = [
     "idepth",
 ];
 
-/// A warning if the name of a file, an array or a channel denotes no depths along the axis. `what` names it in the text.
+/// Returns a warning if the name of a file, an array or a channel denotes values other than depths along the axis. `what`
+/// names it in the text.
 pub(crate) fn name_warning(name: &str, what: impl FnOnce() -> String) -> Option<Warning> {
     if is_ray_distance(name) {
         Some(Warning::RayDistance { name: what() })
@@ -67,8 +67,8 @@ pub(crate) fn name_warning(name: &str, what: impl FnOnce() -> String) -> Option<
     }
 }
 
-/// How well a name says depth: 0 is best; none where it says something else. The last word counts first, as in
-/// `ViewLayer.Depth.Z`.
+/// Ranks how well a name denotes depth: 0 is best; `None` if it denotes something else. The last word takes precedence, as
+/// in `ViewLayer.Depth.Z`.
 pub fn channel_rank(name: &str) -> Option<usize> {
     let words: Vec<String> = words(name).collect();
     let rank = |word: &String| DEPTH.iter().position(|known| known == word);
@@ -84,8 +84,8 @@ pub fn channel_rank(name: &str) -> Option<usize> {
     last.or_else(any).or_else(ray)
 }
 
-/// The array of depths among the arrays of a file: the first of `usual_names` that it has, or else the array whose name has
-/// the best [`channel_rank`], or else the only array.
+/// Returns the array of depths among the arrays of a file: the first of `usual_names` that exists, or else the array whose
+/// name has the best [`channel_rank`], or else the only array.
 pub(crate) fn depth_array<'a>(names: &'a [String], usual_names: &[&str]) -> Option<&'a String> {
     let known = usual_names
         .iter()
@@ -99,9 +99,9 @@ pub(crate) fn depth_array<'a>(names: &'a [String], usual_names: &[&str]) -> Opti
         .or(only)
 }
 
-/// Names in backticks, the first few of them.
+/// Lists the first few names in backticks.
 pub(crate) fn quoted(names: &[String]) -> String {
-    /// More are not listed.
+    /// Largest number of listed names.
     const MOST: usize = 12;
     let listed = names.iter().take(MOST).map(|name| format!("`{name}`"));
     let text = listed.collect::<Vec<_>>().join(", ");

@@ -1,13 +1,13 @@
-//! What numbers are stored as.
+//! Types of stored numbers.
 
 /// The type of stored numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberType {
     /// True or false.
     Booleans,
-    /// Integers of so many bits.
+    /// Integers.
     Integers {
-        /// Bits of each, with the sign.
+        /// Number of bits, including the sign.
         bits: u32,
         /// Whether negative numbers can be stored.
         signed: bool,
@@ -17,7 +17,7 @@ pub enum NumberType {
 }
 
 impl NumberType {
-    /// Unsigned integers of so many bits.
+    /// Unsigned integers of this many bits.
     pub const fn unsigned(bits: u32) -> Self {
         Self::Integers {
             bits,
@@ -25,12 +25,12 @@ impl NumberType {
         }
     }
 
-    /// Signed integers of so many bits, with the sign.
+    /// Signed integers of this many bits, including the sign.
     pub const fn signed(bits: u32) -> Self {
         Self::Integers { bits, signed: true }
     }
 
-    /// The largest integer of the type; none of floating-point numbers and booleans.
+    /// Returns the largest integer of the type; `None` for floating-point numbers and booleans.
     pub fn largest(self) -> Option<f64> {
         match self {
             Self::Integers { bits, signed } => {
@@ -40,7 +40,7 @@ impl NumberType {
         }
     }
 
-    /// Whether no number is larger than 255.
+    /// Whether all numbers are at most 255.
     pub fn are_bytes(self) -> bool {
         matches!(self, Self::Integers { bits, .. } if bits <= 8)
     }

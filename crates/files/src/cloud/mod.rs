@@ -1,4 +1,4 @@
-//! A depth map in space.
+//! Back-projection of a depth map.
 
 mod voxels;
 
@@ -7,30 +7,30 @@ use image::RgbImage;
 use lsdc_core::cloud::flying_pixels;
 use voxels::thinned;
 
-/// Which pixels of a map become points of a cloud.
+/// Selects the pixels of a map that become points of a cloud.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CloudOptions {
-    /// The largest standard deviations; pixels above are left out.
+    /// Largest standard deviations; pixels above are left out.
     pub limits: DeviationLimits,
-    /// Keep the pixels that lie between the surfaces at a depth edge
+    /// Whether to keep the pixels between the surfaces at a depth edge
     /// ([`flying_pixels`](lsdc_core::cloud::flying_pixels)).
     pub keep_flying: bool,
-    /// The edge length of the cubes that keep one point each, in metres, above 0.
+    /// Edge length of the voxels that keep one point each, in metres, above 0.
     pub voxel: Option<f64>,
 }
 
-/// The pixels of a depth map in space, with the colours of the image.
+/// A back-projected depth map, with the colours of the image.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ColoredCloud {
-    /// One for each pixel with a depth that is not left out, row by row, or one for each voxel.
+    /// Points of the pixels that are kept, row by row, or one for each voxel.
     pub points: Vec<ColoredPoint>,
-    /// Pixels that are left out because their standard deviation is too large.
+    /// Number of pixels left out because their standard deviation is too large.
     pub uncertain: usize,
-    /// Pixels that are left out because the lens does not look there.
+    /// Number of pixels left out because the lens has no ray for them.
     pub unseen: usize,
-    /// Pixels that are left out because they lie between the surfaces at a depth edge.
+    /// Number of pixels left out because they are between the surfaces at a depth edge.
     pub flying: usize,
-    /// Pixels that share a voxel with an earlier one: pixels that are kept, less points.
+    /// Number of pixels that share a voxel with an earlier one: kept pixels minus points.
     pub merged: usize,
 }
 
@@ -126,7 +126,7 @@ mod tests {
             ..CloudOptions::default()
         });
         assert_eq!((sure.points.len(), sure.uncertain, sure.flying), (0, 60, 0));
-        // 0.1 m are a tenth of the depth of the near wall, and a twentieth of the far one.
+        // 0.1 m is a tenth of the depth of the near wall, and a twentieth of the far one.
         let far = cloud(CloudOptions {
             limits: DeviationLimits {
                 absolute: None,

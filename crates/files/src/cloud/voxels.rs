@@ -1,12 +1,12 @@
-//! Thinning of clouds: one point in each cube of a grid.
+//! Downsampling of clouds: one point per voxel.
 
 use crate::ColoredPoint;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-/// Returns one point for each cube of a grid of edge length `size` that has any: the mean of their places and colours, and of
-/// their standard deviations (errors of neighbours are alike, so that a mean is not more certain than they are). The cubes
-/// come in the order of their first points. The grid has a corner at the origin.
+/// Returns one point per occupied voxel of edge length `size`: the mean of positions, colours and standard deviations
+/// (errors of neighbours are correlated, so that the mean is not more certain than they are). Voxels are in the order of
+/// their first points. The grid has a corner at the origin.
 pub(super) fn thinned(points: &[ColoredPoint], size: f64) -> Vec<ColoredPoint> {
     let mut cubes: Vec<Sum> = Vec::new();
     let mut known: HashMap<[i64; 3], usize> = HashMap::new();
@@ -25,13 +25,13 @@ pub(super) fn thinned(points: &[ColoredPoint], size: f64) -> Vec<ColoredPoint> {
     cubes.iter().map(Sum::mean).collect()
 }
 
-/// The points of a cube.
+/// Sums over the points of a voxel.
 #[derive(Default)]
 struct Sum {
     count: u32,
     position: [f64; 3],
     color: [u64; 3],
-    /// How many have a standard deviation, and their sum.
+    /// Number of points with a standard deviation, and the sum of their standard deviations.
     sigma: (u32, f64),
 }
 
@@ -79,7 +79,7 @@ mod tests {
         let found = thinned(&points, 1.0);
         assert_eq!(found[0], point(0.625, 12, 0.2));
         assert_eq!(found[1..], points[1..3]);
-        // Cubes as large as all of them, and so small that each has one.
+        // A voxel around all points, and voxels so small that each contains one point.
         assert_eq!(thinned(&points, 1e9).len(), 2);
         assert_eq!(thinned(&points, 1e-6), points);
         assert_eq!(thinned(&[], 1.0), []);

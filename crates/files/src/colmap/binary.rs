@@ -1,18 +1,18 @@
-//! Models in binary form: little-endian, as COLMAP's `reconstruction_io` writes them.
+//! Models in binary form, little-endian, as written by COLMAP's `reconstruction_io`.
 
 use super::calibration::{CameraRecord, model};
 use super::records::{ImageRecord, Landmark, Parsed, RigFrames, Rigs, pose};
 use crate::pose::Pose;
 use std::collections::HashMap;
 
-/// The number of a point that is none.
+/// Identifier of a missing point.
 const NONE: u64 = u64::MAX;
-/// The type of sensors that are cameras.
+/// Sensor type of cameras.
 const CAMERA: u32 = 0;
 
 pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, CameraRecord>> {
     let mut bytes = Bytes(bytes);
-    // An identity, a model and a size at least.
+    // Smallest size of a record: identifier, model and size.
     let count = bytes.count(24)?;
     let mut cameras = HashMap::with_capacity(count);
     for _ in 0..count {
@@ -56,7 +56,7 @@ pub(super) fn images(bytes: &[u8]) -> Parsed<Vec<ImageRecord>> {
     Ok(images)
 }
 
-/// As `ReadRigsBinary` of COLMAP 3.12 and later.
+/// Reads the format of `ReadRigsBinary` of COLMAP 3.12 and later.
 pub(super) fn rigs(bytes: &[u8]) -> Parsed<Rigs> {
     let mut bytes = Bytes(bytes);
     let count = bytes.count(8)?;
@@ -79,7 +79,7 @@ pub(super) fn rigs(bytes: &[u8]) -> Parsed<Rigs> {
     Ok(rigs)
 }
 
-/// As `ReadFramesBinary` of COLMAP 3.12 and later.
+/// Reads the format of `ReadFramesBinary` of COLMAP 3.12 and later.
 pub(super) fn frames(bytes: &[u8]) -> Parsed<RigFrames> {
     let mut bytes = Bytes(bytes);
     let count = bytes.count(68)?;
@@ -104,7 +104,7 @@ pub(super) fn landmarks(bytes: &[u8]) -> Parsed<HashMap<u64, Landmark>> {
     for _ in 0..count {
         let id = bytes.u64()?;
         let position = [bytes.f64()?, bytes.f64()?, bytes.f64()?];
-        // Its colour.
+        // The colour of the point.
         bytes.skip(3)?;
         let error = bytes.f64()?;
         let track = bytes.count(8)?;
@@ -121,7 +121,7 @@ pub(super) fn landmarks(bytes: &[u8]) -> Parsed<HashMap<u64, Landmark>> {
     Ok(landmarks)
 }
 
-/// What is left of a file.
+/// The remaining bytes of a file.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {
@@ -143,7 +143,7 @@ impl Bytes<'_> {
         self.take().map(f64::from_le_bytes)
     }
 
-    /// A quaternion w, x, y, z and a translation.
+    /// Reads a quaternion w, x, y, z and a translation.
     fn pose(&mut self) -> Parsed<Pose> {
         let mut numbers = [0.0; 7];
         for value in &mut numbers {
@@ -152,7 +152,7 @@ impl Bytes<'_> {
         pose(numbers)
     }
 
-    /// A number of things of so many bytes at least, which must be there.
+    /// Reads a number of records, and checks that this many records of at least `size` bytes can follow.
     fn count(&mut self, size: usize) -> Parsed<usize> {
         let count = self.u64()?;
         let left = self.0.len() / size;
@@ -167,7 +167,7 @@ impl Bytes<'_> {
         Ok(())
     }
 
-    /// Bytes up to a zero.
+    /// Reads a zero-terminated name.
     fn name(&mut self) -> Parsed<String> {
         let end = self.0.iter().position(|&b| b == 0).ok_or("is cut off")?;
         let name = String::from_utf8_lossy(&self.0[..end]).into_owned();

@@ -7,17 +7,17 @@ use lsdc_core::Lens;
 /// A record of `cameras`.
 pub(super) struct CameraRecord {
     pub(super) size: (u64, u64),
-    /// In pixels.
+    /// Focal length in pixels.
     pub(super) focal: f64,
-    /// `None` for the models of fields of view, thin prisms, divisions and EUCM.
+    /// `None` for the field-of-view, thin-prism, division and EUCM models.
     pub(super) camera: Option<Camera>,
 }
 
-/// A camera model: its name and the number of its parameters; and if it can be used, the number of its focal lengths, and
-/// its lens. Parameters are the focal lengths, the principal point, and the distortion.
+/// A camera model: its name and number of parameters and, if it is supported, the number of its focal lengths and its lens.
+/// Parameters are the focal lengths, the principal point, and the distortion.
 type CameraModel = (&'static str, usize, Option<(usize, fn(&[f64]) -> Lens)>);
 
-/// The models in the order of their numbers.
+/// Models by their identifiers.
 const MODELS: [CameraModel; 18] = [
     ("SIMPLE_PINHOLE", 3, Some((1, pinhole))),
     ("PINHOLE", 4, Some((2, pinhole))),
@@ -31,7 +31,7 @@ const MODELS: [CameraModel; 18] = [
     ("RADIAL_FISHEYE", 5, Some((1, fisheye))),
     ("THIN_PRISM_FISHEYE", 12, None),
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16, None),
-    // From COLMAP 4 on.
+    // Since COLMAP 4.
     ("SIMPLE_DIVISION", 4, None),
     ("DIVISION", 5, None),
     ("SIMPLE_FISHEYE", 3, Some((1, fisheye))),
@@ -40,31 +40,31 @@ const MODELS: [CameraModel; 18] = [
     (EQUIRECTANGULAR, 2, None),
 ];
 
-/// Such a camera has no axis that depths could be measured along.
+/// Model without an optical axis, so that depths along the axis are undefined.
 const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
 
 fn pinhole(_: &[f64]) -> Lens {
     Lens::Pinhole
 }
 
-/// k1, k2, p1, p2, k3, k4, k5, k6.
+/// Returns a lens of k1, k2, p1, p2, k3, k4, k5, k6.
 fn radial_tangential(distortion: &[f64]) -> Lens {
     Lens::radial_tangential(padded(distortion))
 }
 
-/// k1, k2, k3, k4.
+/// Returns a lens of k1, k2, k3, k4.
 fn fisheye(distortion: &[f64]) -> Lens {
     Lens::fisheye(padded(distortion))
 }
 
-/// The first coefficients, and 0 for the others.
+/// Pads coefficients with zeros.
 fn padded<const N: usize>(coefficients: &[f64]) -> [f64; N] {
     let mut all = [0.0; N];
     all[..coefficients.len()].copy_from_slice(coefficients);
     all
 }
 
-/// The name and the number of parameters of the model of that number.
+/// Returns the name and the number of parameters of a model by its identifier.
 pub(super) fn model(number: u32) -> Option<(&'static str, usize)> {
     let (name, count, _) = MODELS.get(number as usize)?;
     Some((*name, *count))
@@ -78,7 +78,7 @@ impl CameraRecord {
             let (focal_lengths, lens) = optics.filter(|_| *count == parameters.len())?;
             let (focal, others) = parameters.split_at(focal_lengths);
             let ([cx, cy], distortion) = others.split_first_chunk::<2>()?;
-            // COLMAP has the centre of the first pixel at 0.5.
+            // In COLMAP the centre of the first pixel is at 0.5.
             let center = [cx - 0.5, cy - 0.5];
             let camera = Camera::pinhole([focal[0], focal[focal_lengths - 1]], center);
             Some(camera.with_lens(lens(distortion)))

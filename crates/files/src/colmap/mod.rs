@@ -1,5 +1,5 @@
-//! Sparse models of COLMAP (Schönberger and Frahm 2016), text and binary: every image with the
-//! points that it sees, at the depths that the model gives them.
+//! Sparse models of COLMAP (Schönberger and Frahm 2016), text and binary: the points that every image sees, with their
+//! depths.
 
 mod binary;
 mod calibration;
@@ -15,71 +15,71 @@ use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
-/// A model: its images by name.
+/// A sparse model.
 #[derive(Clone, Debug)]
 pub struct Colmap {
-    /// In the order of their names.
+    /// Images, by name.
     pub views: Vec<View>,
 }
 
 /// An image of a model.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Its path below the folder of images.
+    /// Path below the folder of images.
     pub name: String,
     /// Width and height in pixels.
     pub size: (usize, usize),
-    /// What it sees.
+    /// Points that the image sees.
     keypoints: Vec<Keypoint>,
-    /// Observations of points that the model does not have, or that lie behind the camera.
+    /// Number of observations of points that are not in the model, or that are behind the camera.
     pub ignored: usize,
-    /// The camera at its place, in the unit of the model, if its kind is known.
+    /// Camera at its pose, in the unit of the model, if its model is supported.
     pub camera: Option<Camera>,
-    /// Where files of the model contradict each other about it, a sentence each.
+    /// Contradictions between files of the model about the image, a sentence each.
     pub remarks: Vec<String>,
 }
 
-/// Where an image sees a point of the model.
+/// An observation of a point of the model.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Keypoint {
-    /// From the centre of the first pixel, as stored.
+    /// Column and row from the centre of the first pixel, as stored.
     pub(super) u: f64,
     pub(super) v: f64,
-    /// In the unit of the model, as its standard deviation.
+    /// Depth and standard deviation in the unit of the model.
     pub(super) depth: f64,
     pub(super) sigma: f64,
-    /// The point of the model.
+    /// Identifier of the point.
     pub(super) id: u64,
 }
 
-/// The files of a model except `images`.
+/// The files of a model, except `images`.
 struct ModelFiles {
     cameras: HashMap<u32, CameraRecord>,
     landmarks: HashMap<u64, Landmark>,
-    /// From COLMAP 3.12 on.
+    /// Present since COLMAP 3.12.
     rigs: Option<Rigs>,
     frames: Option<RigFrames>,
 }
 
 impl Colmap {
-    /// Whether a folder holds a model.
+    /// Whether a folder contains a model.
     pub fn is_at(folder: &Path) -> bool {
         let forms = ["bin", "txt"].map(|ending| folder.join(format!("cameras.{ending}")));
         forms.iter().any(|path| path.exists())
     }
 
-    /// The names of the files that a model may have, in both forms.
+    /// Returns the names of the files that a model may have, in both forms.
     pub(super) fn files() -> impl Iterator<Item = String> {
         let names = ["cameras", "images", "points3D", "rigs", "frames"];
         let forms = |name| [BINARY, TEXT].map(|form| format!("{name}.{form}"));
         names.into_iter().flat_map(forms)
     }
 
-    /// Reads the folder that holds `cameras`, `images` and `points3D`, and from COLMAP 3.12 on `rigs` and `frames`: all
-    /// `.bin` or all `.txt`, of both the former. The poses of frames and rigs override those of images, as in COLMAP.
+    /// Reads the folder of `cameras`, `images` and `points3D`, and since COLMAP 3.12 of `rigs` and `frames`: all `.bin` or
+    /// all `.txt`. If both exist, `.bin` is read. The poses of frames and rigs override those of images, as in COLMAP.
     ///
     /// # Errors
-    /// Files that are missing or damaged, an image of an unknown camera.
+    /// Files are missing or damaged, or an image has an unknown camera.
     pub fn read(folder: &Path) -> Result<Self> {
         Self::of_files(folder, |name| {
             let path = folder.join(name);
@@ -91,11 +91,11 @@ impl Colmap {
         })
     }
 
-    /// A model whose files need not be on a disk: `file` gives the contents of that of a name, such as
-    /// `cameras.bin`, if there is one. Messages name the folder.
+    /// Reads a model that need not be on disk: `file` returns the contents of a file by its name, such as `cameras.bin`, or
+    /// `None`. Messages contain the folder.
     ///
     /// # Errors
-    /// As [`Self::read`], and those of `file`.
+    /// As [`Self::read`], and errors of `file`.
     pub fn of_files<Bytes: AsRef<[u8]>>(
         folder: &Path,
         file: impl Fn(&str) -> Result<Option<Bytes>>,
@@ -129,7 +129,7 @@ impl Colmap {
 }
 
 impl View {
-    /// The number of points that it sees.
+    /// Returns the number of points that the image sees.
     pub fn count(&self) -> usize {
         self.keypoints.len()
     }
@@ -138,11 +138,11 @@ impl View {
         &self.keypoints
     }
 
-    /// The camera of the image as it is shown, if its kind is known, in the unit of the model or in
-    /// metres if that unit is given.
+    /// Returns the camera of the upright image, if its model is supported, in the unit of the model or, if that unit is
+    /// given, in metres.
     ///
     /// # Errors
-    /// An image of another shape than that of the model.
+    /// The image has another shape than that of the model.
     pub fn camera_of(&self, image: &Orientation, unit: Option<Unit>) -> Result<Option<Camera>> {
         let camera = self.camera.as_ref();
         let camera = camera.map(|camera| camera.for_image(image)).transpose()?;
@@ -151,12 +151,12 @@ impl View {
     }
 }
 
-/// Poses that differ by more are reported: radians, and parts of their largest coordinate. Files round.
+/// Tolerance for the comparison of poses, for rounding in files: radians, and relative to the largest coordinate.
 const POSE_TOLERANCE: f64 = 1e-5;
 
 impl ModelFiles {
-    /// The pose of an image, and remarks about poses that contradict it. Frames and rigs override the file of images;
-    /// `text_pose` is the pose in the same model as text, where the model has both forms.
+    /// Returns the pose of an image, and remarks about poses that contradict it. Frames and rigs override the file of
+    /// images; `text_pose` is the pose in the text form of the model, if it has both forms.
     fn pose(&self, image: &ImageRecord, text_pose: Option<&Pose>) -> (Pose, Vec<String>) {
         let mut remarks = Vec::new();
         let mut compare = |pose: Pose, used: &str, other: Pose, unused: &str| {
@@ -189,8 +189,8 @@ impl ModelFiles {
         (rig_pose.unwrap_or(image.pose), remarks)
     }
 
-    /// A remark if the median reprojection error is large: cameras, poses and keypoints that do not belong together.
-    /// COLMAP itself leaves points out from 4 pixels on.
+    /// Returns a remark if the median reprojection error is large, which means that cameras, poses and keypoints do not
+    /// match. COLMAP itself filters points above 4 pixels.
     fn check_reprojection(&self, camera: &Camera, image: &ImageRecord) -> Option<String> {
         const PIXELS: f64 = 10.0;
         const FEW: usize = 10;
@@ -230,7 +230,7 @@ impl ModelFiles {
             let depth = along.sum::<f64>() + pose.translation[2];
             if depth > 0.0 && depth.is_finite() {
                 keypoints.push(Keypoint {
-                    // COLMAP has the centre of the first pixel at 0.5.
+                    // In COLMAP the centre of the first pixel is at 0.5.
                     u: u - 0.5,
                     v: v - 0.5,
                     depth,
@@ -264,20 +264,20 @@ impl ModelFiles {
     }
 }
 
-/// The standard deviation of a depth, except for a common factor: the reprojection error at that depth, averaged over
-/// the images that see the point.
+/// Returns the standard deviation of a depth up to a common factor: the reprojection error at that depth, averaged over the
+/// images that see the point.
 fn standard_deviation(depth: f64, landmark: &Landmark, focal: f64) -> f64 {
-    /// Errors below this are luck: no corner is found more exactly.
+    /// Lower bound: errors below this are chance, since no corner is located more precisely.
     const LEAST: f64 = 0.3;
     let error = landmark.error.max(LEAST);
     depth * error / (focal.max(1.0) * (landmark.track.max(2) as f64 - 1.0).sqrt())
 }
 
-/// The endings of the two forms of a model.
+/// Extensions of the two forms of a model.
 const BINARY: &str = "bin";
 const TEXT: &str = "txt";
 
-/// A file of a model, before it is parsed.
+/// A file of a model, before parsing.
 struct ModelFile<'a, Bytes> {
     folder: &'a Path,
     name: &'a str,
@@ -323,8 +323,8 @@ impl<'a, Bytes: AsRef<[u8]>> ModelFile<'a, Bytes> {
     }
 }
 
-/// The files that every model has: `cameras`, `images` and `points3D`. All are binary, or else all are text, as COLMAP
-/// chooses; of a model that is whole in neither form each is in the form that is there.
+/// Returns the files that every model has: `cameras`, `images` and `points3D`. All are binary, or else all are text, as
+/// COLMAP chooses. If neither form is complete, each file is taken in the form that exists.
 fn whole<Bytes: AsRef<[u8]>>(
     folder: &Path,
     file: impl Fn(&str) -> Result<Option<Bytes>>,
@@ -356,7 +356,7 @@ fn whole<Bytes: AsRef<[u8]>>(
     ])
 }
 
-/// The poses of images in a text file that is not used, by name; none if it cannot be read.
+/// Returns the poses of images in a text file that is not used, by name; none if it cannot be read.
 fn poses_in_text<Bytes: AsRef<[u8]>>(
     images: Option<ModelFile<'_, Bytes>>,
 ) -> HashMap<String, Pose> {

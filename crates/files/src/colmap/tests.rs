@@ -1,6 +1,6 @@
 use super::*;
 
-/// A camera turned by 90 degrees about its vertical axis: it looks along -x of the world.
+/// A camera rotated by 90 degrees about its vertical axis: it looks along -x of the world.
 const CAMERAS: &str = "# Camera list\n1 SIMPLE_RADIAL 640 480 500 320 240 0.01\n";
 const IMAGES: &str = "# Image list with two lines of data per image:\n\
     7 0.70710678118654757 0 0.70710678118654757 0 0 0 3 1 a view.jpg\n\
@@ -100,14 +100,14 @@ fn depths_are_those_along_the_optical_axis() {
             panic!("{} views", found.views.len());
         };
         assert_eq!((&view.name[..], view.size), ("a view.jpg", (640, 480)));
-        // Along the axis lies -x + 3: 5 and 4 before the camera, -1 behind it; 99 is unknown.
+        // Depth is -x + 3: 5 and 4 in front of the camera, -1 behind it; 99 is unknown.
         let expected = [(100.0, 50.0, 5.0), (199.75, 300.25, 4.0)];
         assert_eq!((view.keypoints.len(), view.ignored), (2, 2));
         for (point, (u, v, depth)) in view.keypoints.iter().zip(expected) {
             assert_eq!((point.u, point.v), (u, v));
             assert!((point.depth - depth).abs() < 1e-12);
         }
-        // 5 m x 0.5 pixels / (500 pixels x sqrt(3 - 1)); errors count as 0.3 at least.
+        // 5 m x 0.5 pixels / (500 pixels x sqrt(3 - 1)); errors are at least 0.3.
         let sigma = |i: usize| view.keypoints[i].sigma;
         assert!((sigma(0) - 0.005 / 2_f64.sqrt()).abs() < 1e-12);
         assert!((sigma(1) - 4.0 * 0.3 / 500.0).abs() < 1e-12);
@@ -155,8 +155,8 @@ fn what_is_wrong_with_a_text_is_said_with_its_line() {
     );
 }
 
-/// A rig whose second camera is turned by 30 degrees, in a frame turned by 15, and an IMU; the file of images has other
-/// poses. Depths and binary files are those of pycolmap 4.2.
+/// A rig whose second camera is rotated by 30 degrees, in a frame rotated by 15, and an IMU; the file of images has other
+/// poses. Depths and binary files are from pycolmap 4.2.
 const RIG_CAMERAS: &str =
     "1 SIMPLE_RADIAL 640 480 500 320 240 0.01\n2 SIMPLE_RADIAL 640 480 500 320 240 0.01\n";
 const RIG_IMAGES: &str = "7 1 0 0 0 0 0 0 1 left.jpg\n100.5 50.5 4\n\
@@ -255,7 +255,7 @@ fn poses_of_frames_and_rigs_override_those_of_images() {
                 "{found:?} {expected:?}"
             );
         }
-        // The first camera is turned by 15 degrees about x, and 1.60 away from the origin.
+        // The first camera is rotated by 15 degrees about x, and 1.60 away from the origin.
         for (view, words) in found
             .views
             .iter()
@@ -288,7 +288,7 @@ fn poses_that_agree_or_are_alone_are_not_remarked() {
         .chain(&both.views)
         .map(|view| view.remarks.len());
     assert_eq!(remarks.sum::<usize>(), 0);
-    // Frames without an image, or without their rigs, leave the poses of images, which is said.
+    // Frames without an image, or without their rigs, leave the poses of images, which is reported.
     files.pop();
     let without = model(&borrowed(&files)).unwrap();
     assert!(without.views[0].remarks[0].contains("give no pose"));
@@ -307,7 +307,7 @@ fn of_a_model_in_both_forms_the_binary_one_is_read_and_what_differs_is_said() {
     assert_eq!(depths(&found), depths(&same));
     assert!(found.views[0].remarks[0].contains("images.bin is used, not that of images.txt"));
     assert!(found.views[1].remarks.is_empty());
-    // A binary form that is not whole is not read where the text is.
+    // An incomplete binary form is ignored if the text form exists.
     files.remove(2);
     let found = model(&borrowed(&files)).unwrap();
     assert_eq!(found.views[0].keypoints[0].depth, 11.0);
@@ -332,7 +332,7 @@ fn rigs_and_frames_that_are_cut_off_are_refused() {
     );
 }
 
-/// Pixels are those of pycolmap 4.2 (`Camera.img_from_cam`), half a pixel less.
+/// Pixels are from pycolmap 4.2 (`Camera.img_from_cam`), minus half a pixel.
 #[test]
 fn the_models_of_colmap_4_are_known() {
     for (camera, [u, v]) in [
@@ -348,7 +348,7 @@ fn the_models_of_colmap_4_are_known() {
         let mut files = as_text();
         files[0].1 = format!("1 {camera}\n").into_bytes();
         let found = model(&borrowed(&files)).unwrap();
-        // Of the second image, which stands at the origin.
+        // The second image is at the origin.
         let seeing = found.views[1].camera.clone().unwrap();
         let (pixel, _) = seeing.project([0.6, -0.4, 2.0]).unwrap();
         let deviation = (pixel[0] + 0.5 - u).hypot(pixel[1] + 0.5 - v);
@@ -363,7 +363,7 @@ fn the_models_of_colmap_4_are_known() {
     assert!(error.contains("looks all around"), "{error}");
 }
 
-/// A camera of 64x48 pixels at the origin that sees twelve points, at keypoints so many times as far from the corner.
+/// A camera of 64x48 pixels at the origin that sees twelve points, with keypoints scaled by `factor` about the corner.
 fn seen(factor: f64) -> View {
     let position = |i: i32| (f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0, 4.0);
     let keypoint = |i| {

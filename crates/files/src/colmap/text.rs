@@ -1,4 +1,4 @@
-//! Models as text: one camera or point to a line, two lines to an image.
+//! Models as text: one line per camera or point, two lines per image.
 
 use super::calibration::CameraRecord;
 use super::records::{ImageRecord, Landmark, Parsed, RigFrames, Rigs, pose};
@@ -6,7 +6,7 @@ use crate::pose::Pose;
 use std::collections::HashMap;
 use std::str::FromStr;
 
-/// The type of sensors that are cameras.
+/// Sensor type of cameras.
 const CAMERA: &str = "CAMERA";
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS...`
@@ -26,8 +26,7 @@ pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, CameraRecord>> {
     Ok(cameras)
 }
 
-/// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then `X Y POINT3D_ID` again and again, which may
-/// be an empty line.
+/// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then repeated `X Y POINT3D_ID`, which may be an empty line.
 pub(super) fn images(text: &str) -> Parsed<Vec<ImageRecord>> {
     let mut images = Vec::new();
     let mut lines = text
@@ -48,7 +47,7 @@ pub(super) fn images(text: &str) -> Parsed<Vec<ImageRecord>> {
             let mut fields = Fields::new(number, line);
             while !fields.is_over() {
                 let position = [fields.next("a column")?, fields.next("a row")?];
-                // -1 where the keypoint has no point.
+                // -1 if the keypoint has no point.
                 if let Ok(point) = u64::try_from(fields.next::<i64>("a point")?) {
                     keypoints.push((position, point));
                 }
@@ -65,8 +64,8 @@ pub(super) fn images(text: &str) -> Parsed<Vec<ImageRecord>> {
     Ok(images)
 }
 
-/// `RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID`, then `SENSOR_TYPE SENSOR_ID HAS_POSE` again and
-/// again, each with a pose if it has one.
+/// `RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID`, then repeated `SENSOR_TYPE SENSOR_ID HAS_POSE`, each with a pose if
+/// it has one.
 pub(super) fn rigs(text: &str) -> Parsed<Rigs> {
     let mut rigs = Rigs::default();
     for (number, line) in lines(text) {
@@ -90,8 +89,7 @@ pub(super) fn rigs(text: &str) -> Parsed<Rigs> {
     Ok(rigs)
 }
 
-/// `FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA_IDS`, then `SENSOR_TYPE SENSOR_ID DATA_ID` again and
-/// again.
+/// `FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA_IDS`, then repeated `SENSOR_TYPE SENSOR_ID DATA_ID`.
 pub(super) fn frames(text: &str) -> Parsed<RigFrames> {
     let mut frames = RigFrames::default();
     for (number, line) in lines(text) {
@@ -111,7 +109,7 @@ pub(super) fn frames(text: &str) -> Parsed<RigFrames> {
     Ok(frames)
 }
 
-/// `POINT3D_ID X Y Z R G B ERROR`, then `IMAGE_ID POINT2D_IDX` again and again.
+/// `POINT3D_ID X Y Z R G B ERROR`, then repeated `IMAGE_ID POINT2D_IDX`.
 pub(super) fn landmarks(text: &str) -> Parsed<HashMap<u64, Landmark>> {
     let mut landmarks = HashMap::new();
     for (number, line) in lines(text) {
@@ -136,7 +134,7 @@ pub(super) fn landmarks(text: &str) -> Parsed<HashMap<u64, Landmark>> {
     Ok(landmarks)
 }
 
-/// Lines that are no remarks, with their places.
+/// Returns the lines that are not comments, with their indices.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.lines().enumerate();
     lines.filter(|(_, line)| !line.starts_with('#') && !line.trim().is_empty())
@@ -149,7 +147,7 @@ struct Fields<'a> {
 }
 
 impl<'a> Fields<'a> {
-    /// Of the line of that number, from 0.
+    /// Creates the fields of the line with this index, from 0.
     fn new(number: usize, line: &'a str) -> Self {
         Self {
             line: number + 1,
@@ -173,7 +171,7 @@ impl<'a> Fields<'a> {
             .map_err(|_| format!("line {}: `{field}` in the place of {what}", self.line))
     }
 
-    /// A quaternion w, x, y, z and a translation.
+    /// Reads a quaternion w, x, y, z and a translation.
     fn pose(&mut self) -> Parsed<Pose> {
         let mut numbers = [0.0; 7];
         for value in &mut numbers {
@@ -190,12 +188,12 @@ impl<'a> Fields<'a> {
         self.rest.is_empty()
     }
 
-    /// How many fields are left.
+    /// Number of remaining fields.
     fn count(&self) -> usize {
         self.rest.split_whitespace().count()
     }
 
-    /// All that is left: names may have blanks.
+    /// Returns the rest of the line, because names may contain spaces.
     fn rest(self) -> String {
         self.rest.to_owned()
     }

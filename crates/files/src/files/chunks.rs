@@ -1,6 +1,6 @@
-//! What chunks of PNG and WebP files say, beside the pixels.
+//! Metadata in chunks of PNG and WebP files.
 
-/// The data of the first chunk of this kind that lies before the pixels of a PNG.
+/// Returns the data of the first chunk of a kind before the pixels of a PNG.
 fn png_chunk(bytes: &[u8], kind: [u8; 4]) -> Option<&[u8]> {
     let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
     loop {
@@ -18,7 +18,7 @@ fn png_chunk(bytes: &[u8], kind: [u8; 4]) -> Option<&[u8]> {
     }
 }
 
-/// The place of a PNG in a larger picture, where it is not 0 (chunk oFFs; Extensions to the PNG 1.2 specification,
+/// Returns the offset of a PNG in a larger picture, if it is not 0 (chunk oFFs; Extensions to the PNG 1.2 specification,
 /// section 3.1).
 pub(super) fn offset(bytes: &[u8]) -> Option<[i64; 2]> {
     let numbers = png_chunk(bytes, *b"oFFs")?.as_chunks::<4>().0.get(..2)?;
@@ -26,7 +26,7 @@ pub(super) fn offset(bytes: &[u8]) -> Option<[i64; 2]> {
     (offset != [0, 0]).then_some(offset)
 }
 
-/// The frames of an animation; 1 of other files (chunk acTL of PNG, chunks ANMF of WebP).
+/// Returns the number of frames of an animation; 1 for other files (chunk acTL of PNG, chunks ANMF of WebP).
 pub(super) fn frames(bytes: &[u8]) -> usize {
     if let Some(number) = png_chunk(bytes, *b"acTL").and_then(|data| data.first_chunk()) {
         return (u32::from_be_bytes(*number) as usize).max(1);

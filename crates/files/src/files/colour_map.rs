@@ -1,4 +1,4 @@
-//! Colour maps as PNG, with the depths of their ends.
+//! Colour maps as PNG, with the depths at the ends of their scale.
 
 use super::depth_png::write_png;
 use super::write_atomically;
@@ -7,10 +7,10 @@ use image::RgbImage;
 use png::{BitDepth, ColorType};
 use std::path::Path;
 
-/// The text chunk with the depths of the first and the last colour, as `LOW,HIGH`.
+/// Keyword of the text chunk with the depths of the first and the last colour, as `LOW,HIGH`.
 const KEYWORD: &str = "Depths of the colour scale";
 
-/// Writes an 8-bit colour PNG of depths. A text chunk holds the depths of the first and the last colour in metres, or in
+/// Writes an 8-bit colour PNG of depths. A text chunk contains the depths of the first and the last colour in metres, or in
 /// the unit of the depths.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! Depths as 16-bit PNG, and the unit that such a file holds.
+//! Depths as 16-bit PNG, and the unit stored in such a file.
 
 use super::{encoded, write_atomically};
 use crate::error::{Error, Result};
@@ -8,20 +8,20 @@ use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::Path;
 
-/// The text chunk that says how many stored units make a metre.
+/// Keyword of the text chunk with the number of stored units per metre.
 const KEYWORD: &str = "Depth units per metre";
 
-/// Units by how many make a metre, the finest first; 256 is KITTI's.
+/// Candidate units per metre, the finest first; 256 is KITTI's.
 const UNITS: [f64; 8] = [1e6, 1e5, 1e4, 1e3, 256.0, 100.0, 10.0, 1.0];
 
-/// The largest value of 16 bits.
+/// Largest 16-bit value.
 const MOST: f64 = u16::MAX as f64;
 
-/// The unit for a map: millimetres where all depths are between 0.5 mm and 65.535 m, else the finest
-/// of a few that holds the farthest depth.
+/// Chooses the unit for a map: millimetres if all depths are between 0.5 mm and 65.535 m, else the finest candidate that
+/// fits the farthest depth.
 ///
 /// # Errors
-/// A depth beyond 65535 m.
+/// A depth is beyond 65535 m.
 pub fn png_unit(depth: &DepthMap) -> Result<Unit> {
     let (nearest, farthest) = depth.range().unwrap_or((1.0, 1.0));
     let (nearest, farthest) = (f64::from(nearest), f64::from(farthest));
@@ -39,41 +39,41 @@ pub fn png_unit(depth: &DepthMap) -> Result<Unit> {
     })
 }
 
-/// Whether a depth is nearer than half a unit of `scale` metres, which would be 0, no depth.
+/// Whether a depth is less than half a unit of `scale` metres and would be rounded to 0, no depth.
 fn is_raised(depth: f32, scale: f64) -> bool {
     depth > 0.0 && (f64::from(depth) / scale).round() < 1.0
 }
 
-/// How many depths [`write_depth_png`] writes as one unit, as they are nearer than half of it.
+/// Counts the depths that [`write_depth_png`] raises to one unit, because they are less than half of it.
 pub fn raised_in_png(depth: &DepthMap, scale: f64) -> usize {
     let depths = depth.values().iter();
     depths.filter(|&&depth| is_raised(depth, scale)).count()
 }
 
-/// Writes depths as a 16-bit grey PNG, value = metres / `scale` rounded, 0 = no depth. A depth below
-/// half a unit is written as one unit. A text chunk says the unit.
+/// Writes depths as a 16-bit grey PNG, value = metres / `scale` rounded, 0 = no depth. A depth below half a unit is written
+/// as one unit. A text chunk stores the unit.
 ///
 /// # Errors
-/// A depth that does not fit, or a file that cannot be written.
+/// A depth does not fit, or the file cannot be written.
 pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> {
     let values = stored(depth, scale)
         .map_err(|e| Error::shape(format!("`{}`: {e}", path.display())).hint(COARSER))?;
     write_atomically(path, |out| encode(out, depth, &values, scale))
 }
 
-/// The bytes of the file that [`write_depth_png`] writes.
+/// Returns the bytes of the file that [`write_depth_png`] writes.
 ///
 /// # Errors
-/// A depth that does not fit.
+/// A depth does not fit.
 pub fn encode_depth_png(depth: &DepthMap, scale: f64) -> Result<Vec<u8>> {
     let values = stored(depth, scale).map_err(|e| Error::shape(e).hint(COARSER))?;
     encoded("a PNG", |bytes| encode(bytes, depth, &values, scale))
 }
 
-/// What to do where a depth does not fit.
+/// Hint for a depth that does not fit.
 const COARSER: &str = "choose a coarser unit, or write npy, TIFF, EXR or PFM";
 
-/// The values that stand for depths, as they are stored.
+/// Returns the stored values of depths.
 fn stored(depth: &DepthMap, scale: f64) -> std::result::Result<Vec<u8>, String> {
     let farthest = depth
         .range()
@@ -99,8 +99,8 @@ fn encode(out: &mut dyn Write, depth: &DepthMap, values: &[u8], scale: f64) -> s
     write_grey16(out, (depth.width(), depth.height()), values, text)
 }
 
-/// The bytes of a 16-bit grey PNG of this width and height with a text chunk: its keyword and its text. `values` are row by
-/// row.
+/// Returns the bytes of a 16-bit grey PNG of this width and height, with a text chunk of a keyword and a text. `values` are
+/// row by row.
 pub(crate) fn encode_grey16(
     size: (usize, usize),
     values: &[u16],
@@ -120,7 +120,7 @@ fn write_grey16(
     write_png(out, (width as u32, height as u32), kind, text, values)
 }
 
-/// Writes a PNG with a text chunk: its keyword and its text.
+/// Writes a PNG with a text chunk of a keyword and a text.
 pub(super) fn write_png(
     out: &mut dyn Write,
     (width, height): (u32, u32),
@@ -131,7 +131,7 @@ pub(super) fn write_png(
     let mut encoder = Encoder::new(out, width, height);
     encoder.set_color(color);
     encoder.set_depth(depth);
-    // Trying every filter on each row takes longer than what it saves is worth.
+    // Trying every filter on each row saves too little for its time.
     encoder.set_compression(Compression::Fast);
     encoder.set_filter(Filter::Up);
     encoder.add_text_chunk(keyword.into(), text)?;
@@ -140,15 +140,15 @@ pub(super) fn write_png(
     Ok(writer.finish()?)
 }
 
-/// The unit that a PNG says its depths are in, as [`write_depth_png`] leaves it there. Nothing for
-/// files of other programs, of other formats, and damaged ones.
+/// Reads the unit that [`write_depth_png`] stored in a PNG. `None` for files of other programs or formats, and damaged
+/// ones.
 pub fn stored_unit(path: &Path) -> Option<Unit> {
     let file = BufReader::new(File::open(path).ok()?);
     let reader = png::Decoder::new(file).read_info().ok()?;
     declared_unit(reader.info())
 }
 
-/// The unit in a text chunk before the pixels.
+/// Returns the unit in a text chunk before the pixels.
 pub(super) fn declared_unit(info: &png::Info<'_>) -> Option<Unit> {
     let mut texts = info.uncompressed_latin1_text.iter();
     let unit = texts.find(|text| text.keyword == KEYWORD)?;
@@ -189,7 +189,7 @@ mod tests {
                 assert!(f64::from((a - b).abs()) <= 0.5001 / per_metre, "{a} {b}");
             }
         }
-        // So wide a range has no fitting unit: what is near is at least not lost.
+        // No unit fits such a wide range; near depths are at least not lost.
         let wide = map(&[0.0001, 60.0, 0.0]);
         assert_eq!(raised_in_png(&wide, 0.001), 1);
         write_depth_png(&path, &wide, png_unit(&wide).unwrap().metres()).unwrap();

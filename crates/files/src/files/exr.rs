@@ -1,4 +1,4 @@
-//! `OpenEXR` images with depths: any part, any channel whose name says depth, placed in the display window.
+//! `OpenEXR` images with depths: any part, any channel whose name denotes depth, placed in the display window.
 
 use super::{check_pixels, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
@@ -14,13 +14,13 @@ use exr::prelude::{
 use std::io::Cursor;
 use std::path::Path;
 
-/// What the channel of standard deviations is called.
+/// Name of the channel of standard deviations.
 const SIGMA: &str = "sigma";
 
-/// Single channels that hold values, if no colour is there: luminance, and the value pass of Blender.
+/// Names of single channels that are read in the absence of colour: luminance, and the value pass of Blender.
 const VALUES: [&str; 2] = ["Y", "V"];
 
-/// Bytes of a display window that are taken of any file: 4K.
+/// Size of a display window that is accepted for any file, in bytes: 4K.
 const DISPLAY: u64 = 32 << 20;
 
 type Part = Layer<AnyChannels<FlatSamples>>;
@@ -29,11 +29,11 @@ type Part = Layer<AnyChannels<FlatSamples>>;
 struct Channel<'a> {
     part: &'a Part,
     samples: &'a AnyChannel<FlatSamples>,
-    /// With the name of the part, if there are several.
+    /// Name, with that of the part if there are several.
     name: String,
 }
 
-/// Reads the channel of depths, and that of standard deviations of the same part, if it has one.
+/// Reads the channel of depths, and the channel of standard deviations of the same part, if it has one.
 pub(crate) fn read_exr(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let damaged = |e: exr::error::Error| {
         Error::format(path, "is not a readable EXR")
@@ -98,7 +98,7 @@ pub(crate) fn read_exr(path: &Path) -> Result<(Raster, Option<Raster>)> {
     Ok((raster, sigma))
 }
 
-/// All channels of all parts.
+/// Returns all channels of all parts.
 fn channels(parts: &[Part]) -> Vec<Channel<'_>> {
     let several = parts.len() > 1;
     let mut channels = Vec::new();
@@ -107,7 +107,7 @@ fn channels(parts: &[Part]) -> Vec<Channel<'_>> {
         for channel in &part.channel_data.list {
             let name = channel.name.to_string();
             let part_name = own.clone().unwrap_or_else(|| format!("part {number}"));
-            // Parts are often called as the beginning of their channels.
+            // The name of a part is often the prefix of its channels.
             let name = if !several || name.starts_with(&part_name) {
                 name
             } else {
@@ -123,8 +123,8 @@ fn channels(parts: &[Part]) -> Vec<Channel<'_>> {
     channels
 }
 
-/// The channel that says depth best; or else the only one, one of values without colour, or the first of R, G and B
-/// that are equal.
+/// Returns the channel whose name denotes depth best; else the only channel, a channel of values without colour, or the
+/// first of equal R, G and B.
 fn depths<'a, 'b>(channels: &'b [Channel<'a>]) -> Option<&'b Channel<'a>> {
     let has_sibling = |name: &str, last: char| {
         let prefix = name.strip_suffix(['z', 'Z']);
@@ -137,7 +137,7 @@ fn depths<'a, 'b>(channels: &'b [Channel<'a>]) -> Option<&'b Channel<'a>> {
     };
     let rank = |channel: &Channel<'_>| {
         let rank = channel_rank(&channel.name)?;
-        // X, Y and Z are coordinates, normals or speeds.
+        // X, Y and Z are coordinates, normals or velocities.
         let vector = has_sibling(&channel.name, 'x') && has_sibling(&channel.name, 'y');
         let says_more = channel_rank(channel.name.trim_end_matches(['z', 'Z'])).is_some();
         (!vector || says_more || channel.name.len() == 1).then_some((vector, rank))
@@ -170,7 +170,7 @@ fn depths<'a, 'b>(channels: &'b [Channel<'a>]) -> Option<&'b Channel<'a>> {
 }
 
 impl Channel<'_> {
-    /// The numbers, in the place of their data window within the display window.
+    /// Returns the values, with the data window placed in the display window.
     fn raster(&self, path: &Path, display: IntegerBounds, length: u64) -> Result<Raster> {
         let Vec2(width, height) = self.part.size;
         let samples = &self.samples.sample_data;
@@ -236,10 +236,10 @@ pub fn write_exr(path: &Path, depth: &DepthMap, sigma: Option<&DepthMap>) -> Res
     write_atomically(path, |out| out.write_all(&bytes))
 }
 
-/// The bytes of the file that [`write_exr`] writes.
+/// Returns the bytes of the file that [`write_exr`] writes.
 ///
 /// # Errors
-/// Maps of different sizes.
+/// The maps differ in size.
 pub fn encode_exr(depth: &DepthMap, sigma: Option<&DepthMap>) -> Result<Vec<u8>> {
     let channel =
         |name: &str, map: &DepthMap| AnyChannel::new(name, FlatSamples::F32(map.values().to_vec()));
@@ -263,10 +263,10 @@ mod tests {
     use super::*;
     use exr::prelude::{Encoding, ImageAttributes, LayerAttributes, Text};
 
-    /// A part that is written: its name, place, and channels with their first values.
+    /// A part to write: its name, position, and channels with their first values.
     type Written<'a> = (&'a str, (i32, i32), &'a [(&'a str, f32)]);
 
-    /// Writes parts, each with its name, place and channels of 2x2 values, into a display window.
+    /// Writes parts, each with a name, a position and channels of 2x2 values, into a display window.
     fn write(parts: &[Written<'_>], display: (usize, usize)) -> tempfile::NamedTempFile {
         let layer = |(name, position, channels): &Written<'_>| {
             let list = channels.iter().map(|(name, first)| {

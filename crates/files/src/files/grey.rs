@@ -1,4 +1,4 @@
-//! Depths in grey images: numbers as stored, never as shares of white.
+//! Depths in grey images: numbers as stored, never scaled to white.
 
 use super::depth_png::declared_unit;
 use super::picture::open;
@@ -12,8 +12,8 @@ use png::{BitDepth, ColorType, Transformations};
 use std::io::Cursor;
 use std::path::Path;
 
-/// Reads the numbers of a grey image of any bit depth: PNG or PGM, whatever its ending, or another format that the
-/// first bytes tell.
+/// Reads the numbers of a grey image of any bit depth: PNG or PGM, whatever its extension, or another format recognised by
+/// its first bytes.
 pub(crate) fn read_grey(path: &Path) -> Result<Raster> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     match &bytes[..bytes.len().min(4)] {
@@ -21,7 +21,7 @@ pub(crate) fn read_grey(path: &Path) -> Result<Raster> {
         [b'P', b'1'..=b'7', ..] => pgm::read_pgm(path, &bytes),
         b"II*\0" | b"MM\0*" | b"II+\0" | b"MM\0+" => read_tiff(path),
         _ => {
-            // JPEG, WebP and BMP hold 8 bits, which nothing scales.
+            // JPEG, WebP and BMP have 8 bits, which the library does not scale.
             let image = open(path)?.0;
             if image.color().has_color() {
                 return Err(pgm::colour(path));
@@ -37,11 +37,11 @@ pub(crate) fn read_grey(path: &Path) -> Result<Raster> {
     }
 }
 
-/// Reads a grey PNG as depth: metres = value x `scale`, 0 = no measurement, as are the marks of
+/// Reads a grey PNG as depth: metres = value x `scale`, 0 = no measurement, as are the values of
 /// [`crate::checks::leave_out_marks`].
 ///
 /// # Errors
-/// A missing or damaged file, or a colour image.
+/// The file is missing, damaged, or a colour image.
 pub fn read_depth_png(path: &Path, scale: f64) -> Result<DepthMap> {
     let (depth, _) = read_grey(path)?.depth(scale)?;
     Ok(depth)
@@ -112,7 +112,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
     Ok(raster)
 }
 
-/// The numbers of 1, 2 or 4 bits in a row, the first in the highest bits.
+/// Unpacks the 1, 2 or 4-bit numbers of a row, the first in the highest bits.
 fn unpacked(row: &[u8], bits: usize) -> impl Iterator<Item = u16> + '_ {
     let each = 8 / bits;
     let mask = (1_u16 << bits) - 1;
@@ -211,7 +211,7 @@ mod tests {
     fn transparency_and_exif_are_heeded_and_colour_is_refused() {
         let mut bytes = Vec::new();
         let mut encoder = image::codecs::png::PngEncoder::new(&mut bytes);
-        // A TIFF directory of one tag: orientation 3, turned by half a circle.
+        // A TIFF directory of one tag: orientation 3, rotated by 180 degrees.
         let exif = [
             b'I', b'I', 42, 0, 8, 0, 0, 0, 1, 0, 0x12, 0x01, 3, 0, 1, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0,
             0,

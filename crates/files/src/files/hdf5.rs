@@ -1,4 +1,4 @@
-//! HDF5 arrays, read a few rows at a time. The only file that knows the library behind it.
+//! HDF5 arrays, read a few rows at a time. This is the only file that depends on the HDF5 library.
 
 use super::{LARGEST, check_unfolded, plausible};
 use crate::DepthMap;
@@ -13,20 +13,20 @@ use image::{Rgb, RgbImage};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// No image of any dataset is longer on a side.
+/// Largest side of an image.
 const LONGEST: usize = 1 << 14;
 
-/// No chunk of any dataset holds more bytes.
+/// Largest chunk of an array, in bytes.
 const LARGEST_CHUNK: u64 = 32 << 20;
 
-/// An open file, of which nothing but what is asked for is read.
+/// An open file. Only requested data is read.
 pub struct Hdf5 {
     path: PathBuf,
     file: File,
 }
 
 impl Hdf5 {
-    /// Where it lies.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -34,7 +34,7 @@ impl Hdf5 {
     /// Opens a file; a user block, as in MATLAB v7.3 files, is skipped.
     ///
     /// # Errors
-    /// A file that cannot be read, or is no HDF5.
+    /// The file cannot be read, or is not HDF5.
     pub fn open(path: &Path) -> Result<Self> {
         let file = File::open_streaming(path).map_err(|e| match e {
             hdf5_pure::Error::Io(io) => Error::read(path, io),
@@ -48,20 +48,20 @@ impl Hdf5 {
         })
     }
 
-    /// The names of the arrays at the root.
+    /// Returns the names of the arrays at the root.
     ///
     /// # Errors
-    /// A damaged file.
+    /// The file is damaged.
     pub fn names(&self) -> Result<Vec<String>> {
         let mut names = self.file.root().datasets().map_err(|e| self.damaged(e))?;
         names.sort_unstable();
         Ok(names)
     }
 
-    /// The shape of an array: the number of rows first.
+    /// Returns the shape of an array, starting with the number of rows.
     ///
     /// # Errors
-    /// No array of this name, or a damaged one.
+    /// The array does not exist, or is damaged.
     pub fn shape(&self, name: &str) -> Result<Vec<usize>> {
         self.array(name)?
             .shape()
@@ -74,10 +74,10 @@ impl Hdf5 {
             .collect()
     }
 
-    /// Rows `start..start + count` of an array of bytes whose rows have shape `row`.
+    /// Reads rows `start..start + count` of an array of bytes whose rows have shape `row`.
     ///
     /// # Errors
-    /// No array of bytes of this name and shape, or a damaged one.
+    /// No array of bytes has this name and shape, or it is damaged.
     pub fn rows_u8(
         &self,
         name: &str,
@@ -92,10 +92,10 @@ impl Hdf5 {
             .and_then(|values| self.counted(name, values, row, count))
     }
 
-    /// Rows `start..start + count` of an array of floats whose rows have shape `row`.
+    /// Reads rows `start..start + count` of an array of floats whose rows have shape `row`.
     ///
     /// # Errors
-    /// No array of floats of this name and shape, or a damaged one.
+    /// No array of floats has this name and shape, or it is damaged.
     pub fn rows_f32(
         &self,
         name: &str,
@@ -105,7 +105,7 @@ impl Hdf5 {
     ) -> Result<Vec<f32>> {
         let rows = start..start + count;
         if let Some(big) = self.half(name)? {
-            // The library knows no floats of 16 bits.
+            // The library does not support 16-bit floats.
             let element = self.array(name)?.dtype().map_err(|e| self.damaged(e))?;
             let array = self.checked(name, row, rows, &[element])?;
             let bytes = array.read_raw_rows(start as u64, count as u64);
@@ -128,7 +128,7 @@ impl Hdf5 {
             .and_then(|values| self.counted(name, values, row, count))
     }
 
-    /// Whether an array of floats of 16 bits is big-endian; nothing if it holds others.
+    /// Whether an array of 16-bit floats is big-endian; `None` for other types.
     fn half(&self, name: &str) -> Result<Option<bool>> {
         /// Bits of the mantissa of IEEE 754's binary16.
         const MANTISSA: u8 = 10;
@@ -146,10 +146,10 @@ impl Hdf5 {
         )
     }
 
-    /// The texts of a MATLAB cell array of strings.
+    /// Reads the texts of a MATLAB cell array of strings.
     ///
     /// # Errors
-    /// No such array, more than `most` texts, or a damaged file.
+    /// The array does not exist, has more than `most` texts, or is damaged.
     pub fn texts(&self, name: &str, most: usize) -> Result<Vec<String>> {
         let cells = self.array(name)?;
         let shape = cells.shape().map_err(|e| self.damaged(e))?;
@@ -174,8 +174,7 @@ impl Hdf5 {
             .collect()
     }
 
-    /// An array after its declared shape and type were found to be as expected, so that reading
-    /// asks for no more memory than that.
+    /// Returns an array after checking its declared shape and type, which bounds the memory that reading allocates.
     fn checked(
         &self,
         name: &str,
@@ -234,8 +233,8 @@ impl Hdf5 {
         Ok(array)
     }
 
-    /// Refuses stored chunks that cannot lie in the file: the library makes room for what the index
-    /// promises before it reads. (It cannot list the chunks of a version 2 B-tree.)
+    /// Rejects stored chunks that cannot fit in the file: the library allocates the declared sizes before it reads. (It
+    /// cannot list the chunks of a version 2 B-tree.)
     fn check_chunks(&self, name: &str, array: &Dataset) -> Result<()> {
         match array.chunk_index().map_err(|e| self.damaged(e))? {
             None | Some(ChunkIndex::BTreeV2) => return Ok(()),
@@ -281,7 +280,7 @@ impl Hdf5 {
 /// bytes, `depth` of shape `[H, W]` in metres.
 ///
 /// # Errors
-/// A file that is missing, damaged, or of other arrays.
+/// The file is missing, damaged, or has other arrays.
 pub fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
     let file = Hdf5::open(path)?;
     let (height, width) = match file.shape("depth")?[..] {
@@ -301,10 +300,10 @@ pub fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
     ))
 }
 
-/// An image from three planes of bytes, in each of which `at` finds a pixel.
+/// Converts three planes of bytes to an image. `at` returns the index of a pixel in a plane.
 ///
 /// # Errors
-/// Another number of bytes.
+/// The number of bytes differs.
 pub fn from_planes(
     planes: &[u8],
     width: usize,
@@ -324,11 +323,11 @@ pub fn from_planes(
     }))
 }
 
-/// What an array of depths is called, the first that is there counts; else a name that says depth, or the only array of
-/// numbers in rows.
+/// Usual names of depth arrays, in order of preference; otherwise a name that denotes depth, or the only numeric
+/// two-dimensional array.
 const DEPTHS: [&str; 4] = ["depth", "depths", "sparse", "dataset"];
 
-/// What attributes of arrays call the value of no measurement (netCDF, CF conventions), and their scale.
+/// Names of the attributes for values without a measurement (netCDF, CF conventions) and, below, for their scale.
 const MARKS: [&str; 3] = ["_FillValue", "missing_value", "nodata"];
 const SCALE: &str = "scale_factor";
 
@@ -359,9 +358,9 @@ pub(crate) fn read_h5(path: &Path) -> Result<Raster> {
 }
 
 impl Hdf5 {
-    /// The paths of all arrays, those at the root first.
+    /// Returns the paths of all arrays, those at the root first.
     fn arrays(&self) -> Result<Vec<String>> {
-        /// Files of depths have few levels and groups.
+        /// Limits; files of depths have few levels and groups.
         const LEVELS: usize = 6;
         const GROUPS: usize = 1000;
         let mut arrays = self.names()?;
@@ -396,7 +395,7 @@ impl Hdf5 {
         Ok(arrays)
     }
 
-    /// The arrays of numbers in rows and columns.
+    /// Returns the numeric two-dimensional arrays.
     fn maps(&self) -> Result<Vec<String>> {
         let mut maps = self.arrays()?;
         maps.retain(|name| self.is_map(name));
@@ -410,7 +409,7 @@ impl Hdf5 {
             && self.shape(name).is_ok_and(|shape| plane(&shape).is_some())
     }
 
-    /// The numbers of an array in rows and columns.
+    /// Reads the numbers of an array in rows and columns.
     fn map(&self, name: &str) -> Result<Raster> {
         let shape = self.shape(name)?;
         let Some((rows, columns)) = plane(&shape) else {
@@ -440,7 +439,7 @@ impl Hdf5 {
     }
 }
 
-/// Rows and columns of a shape of two axes, but for others of length 1.
+/// Returns the rows and columns of a shape of two axes, apart from axes of length 1.
 fn plane(shape: &[usize]) -> Option<(usize, usize)> {
     match shape {
         &[rows, columns] | &[1, rows, columns] | &[rows, columns, 1] | &[1, 1, rows, columns]
@@ -452,7 +451,7 @@ fn plane(shape: &[usize]) -> Option<(usize, usize)> {
     }
 }
 
-/// The type of numbers; nothing of other elements.
+/// Returns the number type; `None` for other elements.
 fn numbers(element: &DType) -> Option<NumberType> {
     Some(match element {
         DType::F32 | DType::F64 => NumberType::Floats,
@@ -468,7 +467,7 @@ fn numbers(element: &DType) -> Option<NumberType> {
     })
 }
 
-/// The number of an attribute, alone or the first of an array.
+/// Returns the number of an attribute, a scalar or the first of an array.
 fn scalar(value: &AttrValue) -> Option<f64> {
     Some(match value {
         AttrValue::F32(v) => f64::from(*v),
@@ -494,7 +493,7 @@ mod tests {
     use super::*;
     use hdf5_pure::{FileBuilder, FloatingPointLayout};
 
-    /// As h5py writes numpy.float16.
+    /// Floats as h5py writes numpy.float16.
     #[test]
     fn depths_may_be_floats_of_16_bits() {
         let folder = tempfile::tempdir().unwrap();

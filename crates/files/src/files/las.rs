@@ -1,4 +1,4 @@
-//! Clouds of laser scanners in LAS, and compressed as LAZ.
+//! Point clouds of laser scanners in LAS and LAZ.
 
 use super::{PointVisitor, check_unfolded, quiet};
 use crate::error::{Error, Result};
@@ -12,8 +12,7 @@ use std::path::Path;
 /// Bytes of points in memory at a time.
 const CHUNK: u64 = 1 << 20;
 
-/// Bytes of the head of an extended record, and of what stands before its length (LAS 1.4 R15,
-/// section 2.7).
+/// Bytes of the header of an extended record, and of the fields before its length (LAS 1.4 R15, section 2.7).
 const HEAD: u64 = 60;
 const BEFORE: u64 = 20;
 
@@ -45,11 +44,11 @@ pub(super) fn read_las(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> 
             }
         }
     };
-    // Damaged records of compression make the library panic.
+    // The library panics on damaged compression records.
     quiet::catch(read).ok_or_else(|| Error::format(path, "is no sound LAS file"))?
 }
 
-/// Refuses extended records longer than the file, for which the library asks memory unread.
+/// Rejects extended records longer than the file, for which the library would allocate memory.
 fn check_records(
     path: &Path,
     header: &Header,
@@ -73,7 +72,7 @@ fn check_records(
     Ok(())
 }
 
-/// The 8 bytes at an offset, as a number.
+/// Reads the 8 bytes at an offset as a number.
 fn number_at(path: &Path, file: &mut BufReader<File>, offset: u64) -> Result<u64> {
     let mut bytes = [0; 8];
     file.seek(SeekFrom::Start(offset))
@@ -82,21 +81,21 @@ fn number_at(path: &Path, file: &mut BufReader<File>, offset: u64) -> Result<u64
     Ok(u64::from_le_bytes(bytes))
 }
 
-/// Refuses a table of more chunks than the file has bytes, for which the library makes room unread
-/// (the specification of `LASzip`, "Chunk table").
+/// Rejects a table of more chunks than the file has bytes, for which the library would allocate memory (the specification
+/// of `LASzip`, "Chunk table").
 fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: u64) -> Result<()> {
-    /// In the number of the format of points.
+    /// Flag in the number of the point format.
     const COMPRESSED: u8 = 0x80;
     if header.point_data_record_format & COMPRESSED == 0 {
         return Ok(());
     }
     let start = u64::from(header.offset_to_point_data);
     let mut table = number_at(path, file, start)?;
-    // Written without seeking: the place is at the end.
+    // Written without seeking: the offset is at the end.
     if table.cast_signed() <= start.cast_signed() {
         table = number_at(path, file, size.saturating_sub(8))?;
     }
-    // A version comes first.
+    // The version precedes the count.
     let chunks = number_at(path, file, table)? >> 32;
     if chunks > size {
         return Err(Error::format(
@@ -107,9 +106,9 @@ fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: 
     Ok(())
 }
 
-/// Refuses layers longer than the file, for which the library asks memory unread, and more points than
-/// the chunks hold, for which it would read on behind them (the specification of `LAZ` 1.4, "Layered
-/// chunks": a point as it is, the number of points, the length of each layer, the layers).
+/// Rejects layers longer than the file, for which the library would allocate memory, and more points than the chunks
+/// contain, for which it would read beyond them (the specification of `LAZ` 1.4, "Layered chunks": an uncompressed point,
+/// the number of points, the length of each layer, the layers).
 fn check_layers(path: &Path, raw: &Header, header: &las::Header, size: u64) -> Result<()> {
     let Ok(compression) = header.laz_vlr() else {
         return Ok(());
@@ -154,7 +153,7 @@ fn check_layers(path: &Path, raw: &Header, header: &las::Header, size: u64) -> R
     Ok(())
 }
 
-/// How many layers a part of a point is kept in.
+/// Returns the number of layers of a part of a point.
 fn layers_of(item: LazItem) -> u64 {
     match item.item_type() {
         LazItemType::Point14 => 9,

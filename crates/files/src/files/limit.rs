@@ -1,20 +1,20 @@
-//! How much a file may unfold to when it is read.
+//! Limits of the decoded size of a file.
 
 use crate::error::{Cause, Error, Result};
 use std::cell::Cell;
 use std::path::Path;
 
-/// No image or scan at a time is so large.
+/// Largest image, or part of a scan in memory at a time, in bytes.
 pub(super) const LARGEST: u64 = 1 << 30;
 
 thread_local! {
-    /// Bytes that readers on this thread may make of a file, if that was limited.
+    /// Limit of the decoded size on this thread in bytes, if set.
     static MOST: Cell<Option<u64>> = const { Cell::new(None) };
 }
 
-/// Runs `read`, in which no reader of this thread makes more than `bytes` of image, map or cloud from a file, however
-/// well it is compressed; more is an error of [`Cause::TooLarge`]. Without this, an image or a map may have 1 GiB, and
-/// a cloud, which is never held whole, any size.
+/// Runs `read` with a limit for readers of this thread: no image, map or cloud of more than `bytes` is decoded from a file,
+/// however well it is compressed; more is an error of [`Cause::TooLarge`]. Without a limit, an image or a map may have 1
+/// GiB, and a cloud, which is never in memory as a whole, any size.
 pub fn reading_at_most<T>(bytes: u64, read: impl FnOnce() -> T) -> T {
     /// Restores the limit, also after a panic.
     struct Before(Option<u64>);
@@ -27,13 +27,13 @@ pub fn reading_at_most<T>(bytes: u64, read: impl FnOnce() -> T) -> T {
     read()
 }
 
-/// Whether a file of `size` bytes can hold `bytes` of values: deflate makes at most 1032 of one
-/// (zlib), and what is small may be asked for in any case. Damaged headers promise much more.
+/// Whether a file of `size` bytes can contain `bytes` of values: deflate expands a byte to at most 1032 (zlib), and small
+/// sizes are always accepted. Damaged headers declare much more.
 pub(super) fn plausible(bytes: u64, size: u64) -> bool {
     bytes <= (1 << 20).max(size.saturating_mul(1100))
 }
 
-/// Refuses an image that is too large, or larger than a file of `size` bytes can hold.
+/// Rejects an image that is too large, or larger than a file of `size` bytes can contain.
 pub(super) fn check_pixels(
     path: &Path,
     (width, height): (u32, u32),
@@ -48,7 +48,7 @@ pub(super) fn check_pixels(
     Err(Error::format(path, what).hint("the file is damaged; write it again"))
 }
 
-/// Refuses contents of more bytes than are read: `default_limit`, unless another limit is set.
+/// Rejects contents beyond the limit in bytes: `default_limit`, unless another one is set.
 pub(super) fn check_unfolded(
     path: &Path,
     what: &str,

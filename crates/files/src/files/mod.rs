@@ -58,18 +58,18 @@ use super::DepthMap;
 use crate::error::{Cause, Error, Result};
 use std::path::{Path, PathBuf};
 
-/// The endings of colour images.
+/// File extensions of colour images.
 pub(super) const IMAGES: [&str; 9] = [
     "jpg", "jpeg", "png", "webp", "tif", "tiff", "bmp", "ppm", "pgm",
 ];
 
-/// What is done with each point of a cloud: x, y, z in stored units, maybe not finite.
+/// Callback for each point of a cloud: x, y, z in stored units, possibly not finite.
 pub(super) type PointVisitor<'a> = dyn FnMut([f64; 3]) + 'a;
 
-/// The endings of clouds.
+/// File extensions of clouds.
 pub(super) const CLOUDS: [&str; 5] = ["ply", "pcd", "las", "laz", "bin"];
 
-/// Visits every point of a cloud, which is read by its ending and never whole.
+/// Visits every point of a cloud. The file is read by its extension and never loaded whole.
 pub(super) fn read_cloud(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> {
     if has_ending(path, "ply") {
         ply::read_ply(path, visit)
@@ -82,17 +82,16 @@ pub(super) fn read_cloud(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()
     }
 }
 
-/// Whether the path ends in `.ending`, in capitals or not.
+/// Whether the path has this extension, ignoring case.
 pub fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }
 
-/// The images in a folder and those below it, in the order of their paths. A link that leads back to
-/// a folder above it is not followed.
+/// Returns the images in a folder and its subfolders, sorted by path. A link to a folder above it is not followed.
 ///
 /// # Errors
-/// A folder that cannot be read.
+/// A folder cannot be read.
 pub fn images_below(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut images = Vec::new();
     walk(folder, &mut Vec::new(), &mut images)?;
@@ -100,7 +99,7 @@ pub fn images_below(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(images)
 }
 
-/// `above` holds the folders that lead here, by their real paths.
+/// `above` contains the real paths of the parent folders.
 fn walk(folder: &Path, above: &mut Vec<PathBuf>, images: &mut Vec<PathBuf>) -> Result<()> {
     let unreadable = |e| Error::read(folder, e);
     let real = folder.canonicalize().map_err(unreadable)?;
@@ -120,12 +119,12 @@ fn walk(folder: &Path, above: &mut Vec<PathBuf>, images: &mut Vec<PathBuf>) -> R
     Ok(())
 }
 
-/// Whether a path ends as those of images do.
+/// Whether a path has the extension of an image.
 pub fn is_image(path: &Path) -> bool {
     IMAGES.iter().any(|ending| has_ending(path, ending))
 }
 
-/// Reads depths from `.npy` or 16-bit grey PNG, by the file's ending: metres = value x `scale`.
+/// Reads depths from `.npy` or 16-bit grey PNG, by the file's extension: metres = value x `scale`.
 ///
 /// # Errors
 /// As [`read_npy`] and [`read_depth_png`].
@@ -139,8 +138,8 @@ pub fn read_depth(path: &Path, scale: f64) -> Result<DepthMap> {
     }
 }
 
-/// Reads a validity mask from `.npy` (booleans or numbers) or grey PNG: what is not 0 is valid.
-/// Returns columns, rows, and the values row by row.
+/// Reads a validity mask from `.npy` (booleans or numbers) or grey PNG; values other than 0 are valid. Returns columns,
+/// rows, and the values row by row.
 ///
 /// # Errors
 /// As [`read_depth`].
@@ -152,13 +151,13 @@ pub fn read_mask(path: &Path) -> Result<(usize, usize, Vec<bool>)> {
     } else {
         return Err(not_depth(path));
     };
-    // Numbers that mark no measurement in a map are valid in a mask.
+    // Values that mark missing measurements in a map are valid in a mask.
     let map = raster.scaled(1.0)?;
     let valid = map.values().iter().map(|&v| v != 0.0).collect();
     Ok((map.width(), map.height(), valid))
 }
 
-/// Refuses depths at an offset within a larger picture, which the field `named` declares.
+/// Rejects depths at an offset within a larger picture, which the field `named` declares.
 fn refuse_window(path: &Path, offset: Option<[i64; 2]>, named: &str) -> Result<()> {
     let Some([x, y]) = offset else {
         return Ok(());
@@ -167,7 +166,7 @@ fn refuse_window(path: &Path, offset: Option<[i64; 2]>, named: &str) -> Result<(
     Err(Error::format(path, what).hint("write the whole picture, 0 where there is no measurement"))
 }
 
-/// The bytes of a file in memory that `encode` writes.
+/// Encodes a file in memory.
 fn encoded(
     what: &str,
     encode: impl FnOnce(&mut Vec<u8>) -> std::io::Result<()>,

@@ -9,20 +9,20 @@ use npyz::{DType, NpyFile, Order, WriterBuilder as _};
 use std::io::Write;
 use std::path::Path;
 
-/// Reads a depth map of shape `[height, width]`, with or without an axis of length 1 before or behind
-/// them, as metres = value x `scale`.
+/// Reads a depth map of shape `[height, width]`, with or without an axis of length 1 before or after them, as metres =
+/// value x `scale`.
 ///
-/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite
-/// and negative values mean no measurement, as do the marks of [`crate::checks::leave_out_marks`].
+/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite and negative values mean
+/// no measurement, as do the values of [`crate::checks::leave_out_marks`].
 ///
 /// # Errors
-/// Not an `.npy` file, another shape or element type, or fewer bytes than the header declares.
+/// The file is not `.npy`, has another shape or element type, or has fewer bytes than its header declares.
 pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
     let (depth, _) = read_array(path)?.depth(scale)?;
     Ok(depth)
 }
 
-/// Reads an array of shape `[rows, columns]`, or with another axis of length 1 before or behind them.
+/// Reads an array of shape `[rows, columns]`, with or without another axis of length 1 before or after them.
 pub(crate) fn read_array(path: &Path) -> Result<Raster> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     parse(path, &bytes)
@@ -31,13 +31,13 @@ pub(crate) fn read_array(path: &Path) -> Result<Raster> {
 /// A list of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NumberList {
-    /// The numbers, in their order.
+    /// The numbers, in order.
     pub values: Vec<f32>,
     /// Whether they are stored as integers.
     pub integers: bool,
 }
 
-/// The list in the bytes of the `.npy` file `name` within the archive at `path`.
+/// Parses a list from the bytes of the `.npy` file `name` in the archive at `path`.
 pub(super) fn parse_list(path: &Path, name: &str, bytes: &[u8]) -> Result<NumberList> {
     let npy = open(bytes).map_err(|source| {
         let error = Error::format(path, format!("`{name}` is not a NumPy array"));
@@ -80,7 +80,7 @@ pub(super) fn parse_list(path: &Path, name: &str, bytes: &[u8]) -> Result<Number
     })
 }
 
-/// The array in the bytes of an `.npy` file, or of one within the archive at `path`.
+/// Parses an array from the bytes of an `.npy` file, which may be in the archive at `path`.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let size = bytes.len() as u64;
     let npy = open(bytes).map_err(|source| {
@@ -139,7 +139,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
     Ok(Raster::new((columns, rows), values, numbers))
 }
 
-/// The header of an array; the error, if there is one, with what npyz found wrong.
+/// Reads the header of an array; the error contains the one of npyz, if any.
 fn open(bytes: &[u8]) -> std::result::Result<NpyFile<&[u8]>, Option<std::io::Error>> {
     if header_length(bytes).is_none_or(|length| length > bytes.len() as u64) {
         return Err(None);
@@ -147,13 +147,13 @@ fn open(bytes: &[u8]) -> std::result::Result<NpyFile<&[u8]>, Option<std::io::Err
     NpyFile::new(bytes).map_err(Some)
 }
 
-/// An element type without its byte order, such as `f4`.
+/// Returns an element type without its byte order, such as `f4`.
 fn kind(element: &str) -> &str {
     element.trim_start_matches(['<', '>', '|', '='])
 }
 
-/// The length that the header declares, which npyz asks memory for before it reads. `None` if there
-/// is no header (NumPy's format 1.0 has two bytes of length, later ones four).
+/// Returns the declared length of the header, which npyz allocates before reading. `None` without a header (NumPy's format
+/// 1.0 has a two-byte length, later ones four).
 fn header_length(bytes: &[u8]) -> Option<u64> {
     let [.., version, _, a, b, c, d] = *bytes.first_chunk::<12>()?;
     Some(match version {
@@ -162,7 +162,7 @@ fn header_length(bytes: &[u8]) -> Option<u64> {
     })
 }
 
-/// The values in file order, or `None` for an element type that is no number.
+/// Returns the values in file order, or `None` for an element type that is not a number.
 fn decode(npy: NpyFile<&[u8]>, element: &str) -> std::io::Result<Option<Vec<f32>>> {
     macro_rules! as_f32 {
         ($t:ty) => {
@@ -201,7 +201,7 @@ pub fn write_npy(path: &Path, depth: &DepthMap) -> Result<()> {
     write_atomically(path, |out| encode(out, depth))
 }
 
-/// The bytes of the file that [`write_npy`] writes.
+/// Returns the bytes of the file that [`write_npy`] writes.
 ///
 /// # Errors
 /// None.
@@ -209,7 +209,7 @@ pub fn encode_npy(depth: &DepthMap) -> Result<Vec<u8>> {
     encoded("an npy array", |bytes| encode(bytes, depth))
 }
 
-/// Writes what an `.npy` file holds, float32 of shape `(height, width)`.
+/// Writes the contents of an `.npy` file, float32 of shape `(height, width)`.
 pub(super) fn encode(out: &mut dyn Write, depth: &DepthMap) -> std::io::Result<()> {
     let mut writer = npyz::WriteOptions::new()
         .default_dtype()

@@ -13,15 +13,15 @@ use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
-/// What depths are called in archives, the first that is there counts.
+/// Names of depth arrays in archives, in order of preference.
 const DEPTHS: [&str; 5] = ["depth", "depths", "sparse", "points", "arr_0"];
-/// What standard deviations are called.
+/// Names of arrays of standard deviations.
 const SIGMAS: [&str; 2] = ["sigma", "std"];
 
-/// The arrays of an archive, each read when it is asked for.
+/// The arrays of an archive, read on demand.
 struct Arrays<'a> {
     path: &'a Path,
-    /// Of the file, in bytes.
+    /// Size of the file in bytes.
     size: u64,
     archive: ZipArchive<BufReader<File>>,
     names: Vec<String>,
@@ -44,7 +44,7 @@ impl<'a> Arrays<'a> {
         })
     }
 
-    /// The bytes of the `.npy` file of an array.
+    /// Returns the bytes of the `.npy` file of an array.
     fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
         let path = self.path;
         let entry = self.archive.by_name(&format!("{name}.npy"));
@@ -71,12 +71,12 @@ fn damaged(path: &Path, error: ZipError) -> Error {
     Error::format(path, "is no sound npz archive").because(error)
 }
 
-/// Reads lists of numbers, arrays of shape `[n]`, by their names; `None` for a name that the archive does not have.
+/// Reads lists of numbers, arrays of shape `[n]`, by their names; `None` for a name that is not in the archive.
 ///
 /// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, each converted to float32.
 ///
 /// # Errors
-/// A file that cannot be read or is no sound archive, an array of another shape or element type, or fewer bytes than its
+/// The file cannot be read or is damaged, an array has another shape or element type, or an array has fewer bytes than its
 /// header declares.
 pub fn read_npz_lists<const N: usize>(
     path: &Path,
@@ -92,7 +92,7 @@ pub fn read_npz_lists<const N: usize>(
     Ok(lists)
 }
 
-/// The depths of an archive, and their standard deviations if it has them.
+/// Reads the depths of an archive, and their standard deviations if it has them.
 pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let mut arrays = Arrays::open(path)?;
     let names = arrays.names.clone();
@@ -117,7 +117,7 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
     Ok((array, sigma))
 }
 
-/// Writes maps of one size by their names, as float32 of shape `(height, width)`, compressed.
+/// Writes maps of the same size under their names, as float32 of shape `(height, width)`, compressed.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -126,10 +126,10 @@ pub fn write_npz(path: &Path, maps: &[(&str, &DepthMap)]) -> Result<()> {
     write_atomically(path, |out| out.write_all(&bytes))
 }
 
-/// The bytes of the file that [`write_npz`] writes.
+/// Returns the bytes of the file that [`write_npz`] writes.
 ///
 /// # Errors
-/// Two maps of one name.
+/// Two maps have the same name.
 pub fn encode_npz(maps: &[(&str, &DepthMap)]) -> Result<Vec<u8>> {
     let archive = || -> std::io::Result<Vec<u8>> {
         let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
@@ -150,7 +150,7 @@ mod tests {
     use npyz::WriterBuilder as _;
     use std::io::Write;
 
-    /// An archive of arrays of float32 or int16 with these shapes and values.
+    /// An archive of float32 or int16 arrays with these shapes and values.
     fn archive(arrays: &[(&str, &[u64], Values)]) -> tempfile::NamedTempFile {
         let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
         for (name, shape, values) in arrays {

@@ -1,4 +1,4 @@
-//! Clouds in PCD, the format of the Point Cloud Library: text, binary, and compressed.
+//! Point clouds in PCD, the format of the Point Cloud Library: text, binary, and compressed.
 
 use super::{LARGEST, PointVisitor, check_unfolded, plausible};
 use crate::error::{Error, Result};
@@ -18,7 +18,7 @@ pub(super) fn read_pcd(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> 
     let meta = PcdMeta::from_reader(&header[..]).map_err(damaged)?;
     check(path, &meta, &mut file, size)?;
     let position = ["x", "y", "z"].map(|axis| {
-        // Padding is not kept in records.
+        // Records omit padding.
         let mut fields = meta.field_defs.iter().filter(|field| !field.is_padding());
         fields.position(|field| field.name == axis)
     });
@@ -34,12 +34,12 @@ pub(super) fn read_pcd(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> 
     Ok(())
 }
 
-/// The header without fields that count 0, which take no bytes: the padding of scans of Ouster's that `pcl_ros` wrote.
-/// The library would take one number for each.
+/// Returns the header without fields of count 0, which take no bytes: `pcl_ros` writes them as padding of Ouster scans. The
+/// library would read one number for each.
 fn read_header(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
-    /// The lines with a word for each field.
+    /// Header lines with a word for each field.
     const BY_FIELD: [&[u8]; 5] = [b"FIELDS", b"COLUMNS", b"SIZE", b"TYPE", b"COUNT"];
-    /// Headers are a dozen lines; anything else is no PCD, which is found later.
+    /// Largest header. Headers have a dozen lines; anything else is not PCD, which is detected later.
     const MOST: u64 = 1 << 16;
     let mut lines: Vec<Vec<u8>> = Vec::new();
     let mut read = 0;
@@ -85,7 +85,7 @@ fn read_header(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
     Ok(header)
 }
 
-/// Refuses what the library would believe: sizes that the file cannot have.
+/// Rejects declared sizes that the file cannot have, which the library would trust.
 fn check(path: &Path, meta: &PcdMeta, data: &mut impl BufRead, size: u64) -> Result<()> {
     let declared = || {
         let fields = meta.field_defs.iter();
@@ -100,7 +100,7 @@ fn check(path: &Path, meta: &PcdMeta, data: &mut impl BufRead, size: u64) -> Res
         return promised(u64::MAX);
     };
     match meta.data {
-        // A number takes a digit and a blank at least.
+        // A number takes at least a digit and a space.
         DataKind::Ascii if bytes > size.saturating_mul(4) => promised(bytes),
         DataKind::Binary if bytes > size => promised(bytes),
         DataKind::BinaryCompressed => {

@@ -1,4 +1,4 @@
-//! Portable float maps: a header of three lines, then rows of f32 from the bottom up.
+//! Portable float maps: a header of three lines, then rows of f32 from bottom to top.
 
 use super::write_atomically;
 use crate::DepthMap;
@@ -7,11 +7,11 @@ use crate::error::{Error, Result};
 use crate::raster::Raster;
 use std::path::Path;
 
-/// Reads the numbers of a grey map (`Pf`). The scale factor of its header is reported and not applied, as files of the
-/// same unit carry any.
+/// Reads the numbers of a grey map (`Pf`). The scale factor in its header is reported and not applied, because it varies
+/// among files of the same unit.
 ///
 /// # Errors
-/// A missing or damaged file, or a colour map (`PF`).
+/// The file is missing, damaged, or a colour map (`PF`).
 pub(crate) fn read_pfm(path: &Path) -> Result<Raster> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let wrong = |what: &str| {
@@ -23,7 +23,7 @@ pub(crate) fn read_pfm(path: &Path) -> Result<Raster> {
         let tail = &rest[start..];
         let end = tail.iter().position(u8::is_ascii_whitespace)?;
         let (word, after) = tail.split_at(end);
-        // One blank ends a word; after the last it is followed by the values.
+        // One whitespace character ends a word; after the last word the values follow.
         rest = &after[1..];
         std::str::from_utf8(word).ok()
     };
@@ -71,8 +71,7 @@ pub(crate) fn read_pfm(path: &Path) -> Result<Raster> {
     Ok(raster)
 }
 
-/// The share of values, other than 0, that are no numbers of any depth map in any unit, as those whose bytes are in
-/// the wrong order.
+/// Returns the share of non-zero values that are implausible in any unit, as are numbers with the wrong byte order.
 fn share_of_wild(values: impl Iterator<Item = f32>) -> f64 {
     let (mut wild, mut all) = (0_usize, 0_usize);
     for value in values.filter(|value| *value != 0.0) {
@@ -125,7 +124,7 @@ mod tests {
         assert!(error.contains("colour"), "{error}");
     }
 
-    /// Reported of libvips (issue 3885): values in the one order, the sign of the other.
+    /// Reported for libvips (issue 3885): the sign of the scale contradicts the byte order.
     #[test]
     fn a_header_that_contradicts_the_order_of_the_bytes_is_refused() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Portable grey maps: P2 in text, P5 in binary (netpbm, `pgm(5)`). The largest grey value in the header does not
-//! scale the numbers, which are depths.
+//! Portable grey maps: P2 in text, P5 in binary (netpbm, `pgm(5)`). The numbers are depths, so the maximum grey value in
+//! the header does not scale them.
 
 use super::check_pixels;
 use crate::checks::NumberType;
@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::raster::Raster;
 use std::path::Path;
 
-/// The numbers of a grey map.
+/// Reads the numbers of a grey map.
 pub(super) fn read_pgm(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let damaged = || {
         Error::format(path, "has a damaged header")
@@ -47,7 +47,7 @@ pub(super) fn read_pgm(path: &Path, bytes: &[u8]) -> Result<Raster> {
         }
         values
     } else {
-        // One blank ends the header.
+        // One whitespace character ends the header.
         let data = words.rest.get(1..).unwrap_or_default();
         if data.len() / each < count {
             return Err(cut_off(data.len() / each));
@@ -70,13 +70,13 @@ pub(super) fn read_pgm(path: &Path, bytes: &[u8]) -> Result<Raster> {
     Ok(Raster::new(size, values, numbers))
 }
 
-/// The error of a colour image in the place of depths.
+/// Error of a colour image in place of depths.
 pub(super) fn colour(path: &Path) -> Error {
     Error::format(path, "is a colour image, expected grey depths")
         .hint("depth images are grey and have 16 bits: PNG, TIFF or PGM")
 }
 
-/// Numbers between blanks, and remarks from `#` to the end of a line.
+/// Numbers separated by whitespace; comments from `#` to the end of a line are skipped.
 struct Words<'a> {
     rest: &'a [u8],
 }

@@ -15,29 +15,29 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
-/// A colour image, upright.
+/// A colour image, turned upright.
 #[derive(Clone, Debug)]
 pub struct UprightImage {
-    /// Its pixels, turned as its EXIF record asks.
+    /// Pixels, turned upright by the EXIF record.
     pub rgb: RgbImage,
-    /// How it was turned.
+    /// Applied orientation.
     pub orientation: Orientation,
-    /// What should be checked.
+    /// Warnings about the image.
     pub warnings: Vec<Warning>,
 }
 
-/// Reads a JPEG, PNG, WebP, TIFF, BMP or PNM as 8-bit RGB, turned upright as its EXIF record asks.
+/// Reads a JPEG, PNG, WebP, TIFF, BMP or PNM as 8-bit RGB, turned upright by its EXIF record.
 ///
 /// # Errors
-/// A missing, damaged or unknown file.
+/// The file is missing, damaged or of an unknown format.
 pub fn read_rgb(path: &Path) -> Result<RgbImage> {
     read_upright(path).map(|image| image.rgb)
 }
 
-/// As [`read_rgb`], with how the image was turned, and what should be checked of it.
+/// [`read_rgb`] with the orientation and the warnings.
 ///
 /// # Errors
-/// A missing, damaged or unknown file.
+/// The file is missing, damaged or of an unknown format.
 pub fn read_upright(path: &Path) -> Result<UprightImage> {
     let (image, orientation, mut warnings) = open(path)?;
     let (rgb, warning) = to_rgb8(image);
@@ -55,7 +55,7 @@ pub fn read_upright(path: &Path) -> Result<UprightImage> {
 /// The file cannot be written.
 pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<()> {
     write_atomically(path, |out| {
-        // Trying every filter on each row takes longer than what it saves is worth.
+        // Trying every filter on each row saves too little for its time.
         let encoder = PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Up);
         image.write_with_encoder(encoder).map_err(|e| match e {
             ImageError::IoError(e) => e,
@@ -64,15 +64,15 @@ pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<()> {
     })
 }
 
-/// Width and height of an image as stored, from its head alone.
+/// Returns width and height of an image as stored, reading only its header.
 ///
 /// # Errors
-/// A missing or unknown file, and one whose head is damaged.
+/// The file is missing or of an unknown format, or its header is damaged.
 pub fn image_size(path: &Path) -> Result<(usize, usize)> {
     image_kind(path).map(|(size, _)| size)
 }
 
-/// How an image is stored and turned upright, from its head alone.
+/// Returns the stored size and the orientation of an image, reading only its header.
 ///
 /// # Errors
 /// As for [`image_size`].
@@ -88,7 +88,7 @@ pub fn image_orientation(path: &Path) -> Result<Orientation> {
     ))
 }
 
-/// Width, height and what a pixel is made of, as stored.
+/// Returns width, height and colour type, as stored.
 pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
     let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
@@ -97,7 +97,7 @@ pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
     Ok(((width as usize, height as usize), decoder.color_type()))
 }
 
-/// Returns whether an image holds depths: one channel of 16 bits.
+/// Returns whether an image contains depths, which have one channel of 16 bits.
 ///
 /// # Errors
 /// As for [`image_size`].
@@ -105,7 +105,7 @@ pub fn is_depth_image(path: &Path) -> Result<bool> {
     image_kind(path).map(|(_, kind)| kind == ColorType::L16)
 }
 
-/// An image turned upright, how, and what the rest of its file says.
+/// Decodes an image, turned upright, with its orientation and warnings about the rest of the file.
 pub(super) fn open(path: &Path) -> Result<(DynamicImage, Orientation, Vec<Warning>)> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     check_jpeg(&bytes).map_err(|cut_off| {
@@ -123,7 +123,7 @@ pub(super) fn open(path: &Path) -> Result<(DynamicImage, Orientation, Vec<Warnin
     Ok((image, Orientation::new(size, exif.to_exif()), warnings))
 }
 
-/// Pages and frames beside the first, and the place of the image in a larger picture.
+/// Returns warnings about further pages and frames, and about an offset in a larger picture.
 fn container_warnings(path: &Path, bytes: &[u8]) -> Result<Vec<Warning>> {
     let (several, offset) = if matches!(image::guess_format(bytes), Ok(ImageFormat::Tiff)) {
         let tags = Tags::of(path, bytes)?;
@@ -144,7 +144,7 @@ fn damaged(path: &Path, cause: ImageError) -> Error {
         .hint("JPEG, PNG, WebP, TIFF, BMP and PNM are read; check that the file is complete")
 }
 
-/// The decoder of an image of `size` bytes, by its first bytes or else its ending.
+/// Returns the decoder of an image of `size` bytes, by its first bytes or else its extension.
 fn decoder<'a, R>(path: &Path, from: R, size: u64) -> Result<impl ImageDecoder + 'a>
 where
     R: BufRead + Seek + 'a,
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use image::{ImageBuffer, ImageEncoder as _, Rgb};
 
-    /// The EXIF record that says an orientation and nothing else: a TIFF directory of one tag.
+    /// An EXIF record with only an orientation: a TIFF directory of one tag.
     fn exif(orientation: u8) -> Vec<u8> {
         let head = [b'I', b'I', 42, 0, 8, 0, 0, 0, 1, 0];
         let tag = [0x12, 0x01, 3, 0, 1, 0, 0, 0, orientation, 0, 0, 0];

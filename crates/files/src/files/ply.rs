@@ -1,4 +1,4 @@
-//! Clouds in Stanford's PLY, text and binary.
+//! Point clouds in Stanford's PLY, text and binary.
 
 use super::{PointVisitor, encoded, write_atomically};
 use crate::error::{Error, Result};
@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::{BufRead as _, BufReader, Write};
 use std::path::Path;
 
-/// A vertex, as far as it matters here.
+/// The position of a vertex; other properties are ignored.
 struct Vertex([f64; 3]);
 
 impl PropertyAccess for Vertex {
@@ -86,7 +86,7 @@ pub(super) fn read_ply(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> 
     Err(Error::format(path, "has no vertices"))
 }
 
-/// The lines of the header.
+/// Returns the number of lines of the header.
 fn header_lines(path: &Path) -> Result<usize> {
     let unreadable = |e| Error::read(path, e);
     let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
@@ -102,8 +102,8 @@ fn header_lines(path: &Path) -> Result<usize> {
     }
 }
 
-/// x, y and z in the line of an element. The library refuses what C prints and reads as numbers: nan,
-/// inf, `.5` and `5.`.
+/// Parses x, y and z from the line of an element. The library rejects numbers that C prints and reads: nan, inf, `.5` and
+/// `5.`.
 fn place_in(line: &str, element: &ElementDef) -> std::result::Result<[f64; 3], String> {
     let mut words = line.split_ascii_whitespace();
     let mut next = |name: &str| -> std::result::Result<f64, String> {
@@ -116,7 +116,7 @@ fn place_in(line: &str, element: &ElementDef) -> std::result::Result<[f64; 3], S
         let value = next(name)?;
         match (&property.data_type, &name[..]) {
             (PropertyType::List(..), _) => {
-                // Each takes at least a digit and a blank.
+                // An entry takes at least a digit and a space.
                 if !(value >= 0.0 && value <= line.len() as f64) {
                     return Err(format!("`{name}` cannot have {value} entries"));
                 }
@@ -133,7 +133,7 @@ fn place_in(line: &str, element: &ElementDef) -> std::result::Result<[f64; 3], S
     Ok(position)
 }
 
-/// Refuses more elements than the file has bytes, and vertices without a place.
+/// Rejects more elements than the file has bytes, and vertices without a position.
 fn check(path: &Path, element: &ElementDef, size: u64) -> Result<()> {
     if element.count as u64 > size {
         let (name, count) = (&element.name, element.count);
@@ -149,7 +149,7 @@ fn check(path: &Path, element: &ElementDef, size: u64) -> Result<()> {
     Ok(())
 }
 
-/// A point of a cloud that is written.
+/// A point of a cloud to be written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColoredPoint {
     /// x, y, z in metres.
@@ -160,7 +160,7 @@ pub struct ColoredPoint {
     pub sigma: Option<f32>,
 }
 
-/// Whether float32 rounds a coordinate by more than 0.03 mm: any is beyond 1000 m, as in maps of the world.
+/// Whether any coordinate is beyond 1000 m, as in georeferenced maps, where float32 rounds by more than 0.03 mm.
 pub fn are_far(points: &[ColoredPoint]) -> bool {
     let mut positions = points.iter().flat_map(|point| point.position);
     positions.any(|v| v.abs() > 1000.0)
@@ -175,7 +175,7 @@ pub fn write_ply(path: &Path, points: &[ColoredPoint]) -> Result<()> {
     write_atomically(path, |out| encode(out, points))
 }
 
-/// The bytes of the file that [`write_ply`] writes.
+/// Returns the bytes of the file that [`write_ply`] writes.
 ///
 /// # Errors
 /// None.

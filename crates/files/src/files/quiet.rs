@@ -1,15 +1,15 @@
-//! Catching the panics of libraries that cannot be kept from them.
+//! Catches the panics of libraries on damaged files.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
 thread_local! {
-    /// Whether a panic of this thread is caught here.
+    /// Whether panics of this thread are caught.
     static CATCHING: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Returns what `work` returns, or nothing if it panics.
+/// Returns the result of `work`, or `None` if it panics.
 pub(super) fn catch<T>(work: impl FnOnce() -> T) -> Option<T> {
     let outer = CATCHING.replace(true);
     let result = catch_unwind(AssertUnwindSafe(work)).ok();
@@ -17,11 +17,10 @@ pub(super) fn catch<T>(work: impl FnOnce() -> T) -> Option<T> {
     result
 }
 
-/// Keeps the messages of panics that readers catch, as of a damaged LAZ file, off standard error; all others are
-/// reported as before.
+/// Hides the messages of panics that readers catch, such as those of damaged LAZ files; all others are reported as before.
 ///
-/// The hook belongs to the whole process, so only a program calls this, never a library: without it, readers return the
-/// same errors.
+/// The hook is global to the process, so that only a program should call this, never a library. Without it, readers return
+/// the same errors.
 pub fn hide_caught_panics() {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -44,7 +43,7 @@ mod tests {
         static TOLD: AtomicUsize = AtomicUsize::new(0);
         let (before, own) = (take_hook(), std::thread::current().id());
         set_hook(Box::new(move |panic| {
-            // Other tests panic at the same time.
+            // Other tests may panic at the same time.
             if std::thread::current().id() == own {
                 TOLD.fetch_add(1, Ordering::Relaxed);
             } else {

@@ -1,4 +1,4 @@
-//! Writing files and folders so that none is ever half written or lost, and that only regular files are replaced.
+//! Atomic writes: files and folders are never left half written or lost, and only regular files are replaced.
 
 use crate::error::{Error, Result};
 use std::fs::File;
@@ -6,12 +6,12 @@ use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What the names of files begin and end with until they are complete.
+/// Prefix and suffix of the names of files until they are complete.
 const UNFINISHED: (&str, &str) = (".lsdc-", ".tmp");
-/// No file takes so long to write.
+/// Age above which an unfinished file is considered abandoned.
 const LONG_AGO: Duration = Duration::from_mins(10);
 
-/// Writes `path` through a temporary file, renamed when complete, as [`AtomicFile`]. On return the file outlives a
+/// Writes `path` through a temporary file, renamed when complete, as [`AtomicFile`]. On return the file is safe from a
 /// power failure.
 ///
 /// # Errors
@@ -29,8 +29,7 @@ pub fn write_atomically(
     file.finish()
 }
 
-/// A temporary file that becomes the file at a path, or is copied into the pipe or device there; it is removed if it
-/// is not finished.
+/// A temporary file that is moved to a path, or copied into the pipe or device there. It is removed unless finished.
 #[derive(Debug)]
 pub struct AtomicFile {
     file: tempfile::NamedTempFile,
@@ -38,7 +37,7 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Creates the temporary file of `path`: in the folder of the file that `path` names, through any links.
+    /// Creates the temporary file of `path` in the folder of its target, following links.
     ///
     /// # Errors
     /// The folder cannot be written, or `path` is a folder.
@@ -54,11 +53,11 @@ impl AtomicFile {
         attempt().map_err(|e| Error::write(path, e))
     }
 
-    /// Renames the file to its path, which may name a file already, or copies it into the pipe or device there. On
-    /// return a file outlives a power failure.
+    /// Moves the file to its path, replacing an existing file, or copies it into the pipe or device there. On return the
+    /// file is safe from a power failure.
     ///
     /// # Errors
-    /// The file cannot be written; what was there is then untouched.
+    /// The file cannot be written; an existing one is then untouched.
     pub fn finish(self) -> Result<()> {
         let Self { mut file, target } = self;
         match &target {
@@ -97,13 +96,13 @@ impl Seek for AtomicFile {
     }
 }
 
-/// Makes `target` a hard link to the file at `source`, or a copy of it where the file system has no links. A file at
+/// Makes `target` a hard link to the file at `source`, or a copy if the file system does not support links. A file at
 /// `target` is replaced as by [`write_atomically`].
 ///
 /// # Errors
 /// The file cannot be read, or the target cannot be written.
 pub(crate) fn link_or_copy(source: &Path, target: &Path) -> Result<()> {
-    // The link of a symbolic link would be one, and lead elsewhere if it is relative.
+    // Linking a symbolic link would copy the link, which may be relative.
     let source = source.canonicalize().map_err(|e| Error::read(source, e))?;
     let linked = tempfile::Builder::new()
         .prefix(UNFINISHED.0)
@@ -118,7 +117,7 @@ pub(crate) fn link_or_copy(source: &Path, target: &Path) -> Result<()> {
     write_atomically(target, |out| std::io::copy(&mut file, out).map(|_| ()))
 }
 
-/// What a path names, through any links.
+/// The target of a path, following links.
 #[derive(Debug, PartialEq, Eq)]
 enum Target {
     /// A regular file, which need not exist.
@@ -144,9 +143,9 @@ impl Target {
     }
 }
 
-/// Follows links to a path that is none, or to one whose text says nothing: /dev/stdout leads to an open file.
+/// Follows links until the path is not a link, or is one of the open files of a process, as for `/dev/stdout`.
 fn followed(path: &Path) -> std::io::Result<PathBuf> {
-    /// More links than any system follows.
+    /// Limit above that of any system.
     const MOST_LINKS: usize = 64;
     let mut end = path.to_owned();
     for _ in 0..MOST_LINKS {
@@ -163,17 +162,17 @@ fn of_a_process(folder: &Path) -> bool {
     cfg!(target_os = "linux") && folder.canonicalize().is_ok_and(|p| p.starts_with("/proc"))
 }
 
-/// Returns whether writing to `path` replaces something: a file, or a link that leads nowhere. Pipes and devices are
-/// written to, not replaced.
+/// Returns whether writing to `path` replaces something: a file, or a dangling link. Pipes and devices are written to, not
+/// replaced.
 pub fn would_replace(path: &Path) -> bool {
     !matches!(Target::of(path), Ok(Target::Stream(_))) && path.symlink_metadata().is_ok()
 }
 
-/// Checks, before anything is computed, that `path` can be written and that this replaces nothing, unless `force`
-/// allows it. Nothing is left behind.
+/// Checks, before computing anything, that `path` can be written without replacing anything, unless `force` allows it.
+/// Leaves nothing behind.
 ///
 /// # Errors
-/// A file or link is there and `force` is not set, or `path` cannot be written.
+/// A file or link exists and `force` is not set, or `path` cannot be written.
 pub fn check_output(path: &Path, force: bool) -> Result<()> {
     if !force && would_replace(path) {
         return Err(Error::config(format!("`{}` exists", path.display()))
@@ -185,12 +184,12 @@ pub fn check_output(path: &Path, force: bool) -> Result<()> {
     }
 }
 
-/// Writes the folder `path` through a temporary one beside it, renamed when complete. `fill` gets the temporary folder
-/// and writes its files by [`write_atomically`]. A folder at `path` is renamed before it is removed, so that one of the
-/// two is always whole.
+/// Writes the folder `path` through a temporary one beside it, renamed when complete. `fill` gets the temporary folder and
+/// writes its files by [`write_atomically`]. A folder at `path` is renamed before it is removed, so that one of the two is
+/// complete at any time.
 ///
 /// # Errors
-/// The folder cannot be written, `path` is no folder, or `fill` fails; what was there is then untouched.
+/// The folder cannot be written, `path` is not a folder, or `fill` fails; an existing folder is then untouched.
 pub fn write_folder_atomically(path: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     let failed = |e| Error::write(path, e);
     let path = followed(path).map_err(failed)?;
@@ -211,7 +210,7 @@ pub fn write_folder_atomically(path: &Path, fill: impl FnOnce(&Path) -> Result<(
         };
         if let Err(e) = std::fs::rename(filled.path(), &path) {
             if replaces && std::fs::rename(&before, &path).is_err() {
-                // The only copy: it stays in the temporary folder.
+                // This is the only copy, so it is kept in the temporary folder.
                 let _ = old.keep();
             }
             return Err(e);
@@ -221,11 +220,10 @@ pub fn write_folder_atomically(path: &Path, fill: impl FnOnce(&Path) -> Result<(
     attempt().map_err(failed)
 }
 
-/// Checks that files can be written into a folder, or into the nearest folder above it that exists.
-/// Nothing is left behind.
+/// Checks that files can be written into a folder, or into its nearest existing parent. Leaves nothing behind.
 ///
 /// # Errors
-/// They cannot.
+/// No file can be written.
 pub fn check_writable(folder: &Path) -> Result<()> {
     let nearest = folder
         .ancestors()
@@ -259,7 +257,7 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-/// Makes the names in a folder outlive a power failure, where the file system can.
+/// Makes the names in a folder safe from a power failure, if the file system supports it.
 #[cfg(unix)]
 fn sync_folder(folder: &Path) -> std::io::Result<()> {
     use ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
@@ -270,13 +268,13 @@ fn sync_folder(folder: &Path) -> std::io::Result<()> {
     }
 }
 
-/// Folders cannot be opened as files here; the system keeps their names by itself.
+/// Folders cannot be opened as files here; the system syncs their names.
 #[cfg(not(unix))]
 fn sync_folder(_: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Removes from a folder what killed programs have left unfinished. What cannot be removed stays.
+/// Removes unfinished files that killed programs left in a folder. Errors are ignored.
 pub fn remove_leftovers(folder: &Path) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -293,7 +291,7 @@ pub fn remove_leftovers(folder: &Path) {
     }
 }
 
-/// A temporary file is private by default; an output should be as readable as any other file.
+/// Permissions of output files. A temporary file is private by default; an output should be as readable as any other file.
 trait LikeANewFile {
     fn permissions_like_a_new_file(&mut self, mode: u32) -> &mut Self;
 }
@@ -345,11 +343,11 @@ mod tests {
         });
         assert!(failed.is_err());
         assert_eq!(std::fs::read(path.join("a")).unwrap(), b"old");
-        // What the failure left is in nobody's way.
+        // Leftovers of the failure do no harm.
         write_folder_atomically(&path, fill(b"new")).unwrap();
         assert_eq!(std::fs::read(path.join("a")).unwrap(), b"new");
         assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
-        // A file is not replaced by a folder.
+        // A folder does not replace a file.
         assert!(write_folder_atomically(&path.join("a"), |_| Ok(())).is_err());
         assert_eq!(std::fs::read(path.join("a")).unwrap(), b"new");
     }
@@ -413,7 +411,7 @@ mod tests {
         assert!(failed.is_err());
         assert_eq!(std::fs::read(at("files/v3")).unwrap(), b"old");
         for (link, file) in [("chain", "files/v3"), ("links/next", "files/v4")] {
-            // Also a link to a file that is not there yet.
+            // A link to a file that does not exist yet.
             assert!(would_replace(&at(link)) && check_output(&at(link), false).is_err());
             check_output(&at(link), true).unwrap();
             write_atomically(&at(link), |out| out.write_all(link.as_bytes())).unwrap();
@@ -448,7 +446,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 2);
     }
 
-    /// Whether a command of the system succeeds.
+    /// Whether a system command succeeds.
     #[cfg(unix)]
     fn runs(command: &str, arguments: &[&str], path: &Path) -> bool {
         let status = std::process::Command::new(command)
@@ -481,7 +479,7 @@ mod tests {
             file.finish().unwrap();
             assert_eq!(reader.join().unwrap(), b"hello");
         }
-        // Nothing is written if the contents fail.
+        // Nothing is written if writing the contents fails.
         assert!(write_atomically(&pipe, |_| Err(std::io::Error::other("full"))).is_err());
         assert!(pipe.metadata().unwrap().file_type().is_fifo() && link.is_symlink());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
@@ -492,7 +490,7 @@ mod tests {
     fn a_device_is_written_to_and_stays() {
         use std::os::unix::fs::FileTypeExt as _;
         let folder = tempfile::tempdir().unwrap();
-        // A null device of our own, where the system allows that.
+        // A separate null device, if the system allows creating one.
         let null = folder.path().join("null");
         if !runs("mknod", &["c", "1", "3"], &null)
             || File::options().append(true).open(&null).is_err()

@@ -1,19 +1,19 @@
-//! Tables of points as text: one to a line.
+//! Tables of points as text: one point per line.
 
 use crate::error::{Error, Result};
 use std::borrow::Cow;
 use std::path::Path;
 
-/// What the first three columns of a table are.
+/// Meaning of the first three columns of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ColumnMeaning {
     /// u, v and depth.
     Pixels,
     /// x, y and z of a cloud.
     Space,
-    /// u, v and depth of points that disagree with the others.
+    /// u, v and depth of outliers.
     Outliers,
-    /// Nobody says.
+    /// Columns without names.
     Unnamed,
 }
 
@@ -22,43 +22,42 @@ pub(crate) enum ColumnMeaning {
 pub(crate) struct PointTable {
     pub(crate) columns: ColumnMeaning,
     pub(crate) rows: Vec<TableRow>,
-    /// What a row is called in messages: a line of a text, a row of an array.
+    /// Name of a row in messages: a line of a text, a row of an array.
     pub(crate) row: &'static str,
 }
 
 /// A point, in stored units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TableRow {
-    /// Of the line in the text, from 1, or of the row in the array.
+    /// Number of the line in the text, from 1, or of the row in the array.
     pub(crate) number: usize,
     pub(crate) values: [f64; 3],
-    /// The standard deviation of the depth; in a cloud without names anything.
+    /// Standard deviation of the depth; anything in a cloud without names.
     pub(crate) fourth: Option<f64>,
 }
 
-/// What columns are called, here and by other programs.
+/// Names of columns, here and in other programs.
 const U: &[&str] = &["u", "col", "column"];
 const V: &[&str] = &["v", "row"];
 const DEPTH: &[&str] = &["d", "depth"];
 const SIGMA: &[&str] = &["sigma", "std", "deviation"];
 
-/// The column that only lists of outliers have.
+/// Column that only lists of outliers have.
 const BY_THE_OTHERS: &str = "depth_by_the_others";
 
 const HINT: &str = "a line is `u,v,depth` or `u,v,depth,sigma`, in pixels and units of depth, or `x,y,z` of a \
      cloud under a first line that says so; separators are commas, semicolons, tabs or blanks";
 
-/// Reads three or four columns of numbers. A first line that is no number names the columns, in any
-/// order, and others are left out; so does a remark, which `#` begins, if it stands before all numbers
-/// and names each column. Numbers may be quoted, and have decimal commas where another character
-/// separates them.
+/// Reads three or four columns of numbers. A first line that is not numeric names the columns, in any order; other columns
+/// are ignored. A comment starting with `#` also names them if it precedes all numbers and names each column. Numbers may
+/// be quoted, and may have decimal commas if another separator is used.
 pub(crate) fn read_table(path: &Path) -> Result<PointTable> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let error = Error::format(path, "is not text").because(e);
         error.hint(HINT)
     })?;
-    // Nobody names the columns of `.xyz`, which holds nothing else.
+    // The columns of `.xyz` are never named; it only contains clouds.
     let is_xyz = super::has_ending(path, "xyz");
     let mut reader = Reader::default();
     for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
@@ -83,14 +82,14 @@ pub(crate) fn read_table(path: &Path) -> Result<PointTable> {
     })
 }
 
-/// Whether the fourth column is rather the fraction of the third: `2,944` between commas.
+/// Whether the fourth column is rather the decimals of the third: `2,944` between commas.
 fn has_decimal_commas(layout: &Layout, rows: &[TableRow]) -> bool {
     let larger = |row: &TableRow| row.fourth.is_some_and(|sigma| sigma > row.values[2]);
     let count = rows.iter().filter(|row| larger(row)).count();
     layout.separator == Separator::Comma && layout.decimal.is_none() && 2 * count > rows.len()
 }
 
-/// What lies between the numbers of a line.
+/// Separator of the numbers of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Separator {
     Comma,
@@ -99,24 +98,24 @@ enum Separator {
     Blank,
 }
 
-/// How the lines of a table are to be read.
+/// Layout of the lines of a table.
 #[derive(Debug)]
 struct Layout {
     separator: Separator,
     columns: ColumnMeaning,
-    /// Fields of every line.
+    /// Number of fields per line.
     fields: usize,
-    /// Where the three numbers and the fourth are.
+    /// Fields of the three numbers and, below, of the fourth.
     indices: [usize; 3],
     fourth: Option<usize>,
-    /// The decimal mark, once a number has one.
+    /// Decimal mark, once a number has one.
     decimal: Option<char>,
 }
 
 #[derive(Debug, Default)]
 struct Reader {
     layout: Option<Layout>,
-    /// The last remark before the first line.
+    /// Last comment before the first line.
     remark: Option<String>,
     rows: Vec<TableRow>,
 }
@@ -163,11 +162,11 @@ impl Reader {
 }
 
 impl Layout {
-    /// From the first line, and whether that is a header.
+    /// Detects the layout from the first line. Also returns whether that is a header.
     fn new(line: &str, remark: Option<&str>, is_xyz: bool) -> Parsed<(Self, bool)> {
         let separator = separator(line);
         let fields = split(line, separator);
-        // A line of nothing but quotes has no fields.
+        // A line of only quotes has no fields.
         let is_number = |field| parsed(field, separator, &mut None).is_ok();
         let is_header = !fields.first().is_some_and(|field| is_number(field));
         let names: Option<Vec<Cow<'_, str>>> = if is_header {
@@ -211,7 +210,7 @@ impl Layout {
     }
 }
 
-/// What the names of columns mean, and where the numbers are.
+/// Returns the meaning of named columns, and the positions of the numbers.
 fn named(names: &[Cow<'_, str>]) -> Parsed<(ColumnMeaning, [usize; 3], Option<usize>)> {
     let find = |known: &[&str]| {
         let mut fields = names.iter();
@@ -236,7 +235,7 @@ fn named(names: &[Cow<'_, str>]) -> Parsed<(ColumnMeaning, [usize; 3], Option<us
 }
 
 fn separator(line: &str) -> Separator {
-    // Names may have blanks within, numbers have none.
+    // Names may contain spaces, numbers may not.
     let spaced = |field: &Cow<'_, str>| {
         field.contains(char::is_whitespace) && field.contains(|c: char| c.is_ascii_digit())
     };
@@ -252,7 +251,7 @@ fn separator(line: &str) -> Separator {
     }
 }
 
-/// The fields of a line without their quotes. What is empty behind the last separator is no field.
+/// Returns the fields of a line without their quotes. An empty field after the last separator is ignored.
 fn split(line: &str, separator: Separator) -> Vec<Cow<'_, str>> {
     let mut quoted = false;
     let mut separates = |c: char| {
@@ -279,8 +278,7 @@ fn split(line: &str, separator: Separator) -> Vec<Cow<'_, str>> {
     fields
 }
 
-/// A number with a decimal point, or with a decimal comma if that cannot be anything else; a table
-/// has one of them.
+/// Parses a number with a decimal point, or with a decimal comma if it cannot be a separator; a table uses one of them.
 fn parsed(text: &str, separator: Separator, decimal: &mut Option<char>) -> Parsed<f64> {
     let mark = text.chars().find(|c| matches!(c, '.' | ','));
     if mark == Some(',') && separator == Separator::Comma {

@@ -5,27 +5,26 @@ use crate::error::{Error, Result};
 use std::ops::Range;
 use std::path::Path;
 
-/// The first directory of tags of a file.
+/// Tags of the first directory of a file.
 pub(super) struct Tags {
     little: bool,
-    /// Number, type, and the places of the values of each.
+    /// Number, type, and byte range of the values of each tag.
     found: Vec<(u64, u64, Range<usize>)>,
-    /// Directories, one for each page.
+    /// Number of directories, one for each page.
     pages: usize,
 }
 
-/// Places are in the unit of the resolution, which is pixels to that unit.
+/// Positions are in the unit of the resolution, which is in pixels per unit.
 const X_POSITION: u64 = 286;
 const Y_POSITION: u64 = 287;
 const X_RESOLUTION: u64 = 282;
 const Y_RESOLUTION: u64 = 283;
 
-/// More pages are not counted.
+/// Largest number of pages that are counted.
 const MOST: usize = 10_000;
 
 impl Tags {
-    /// Reads the tags. Refuses tags with more numbers than the file has bytes, for which the library makes room
-    /// unread.
+    /// Reads the tags. Rejects tags with more numbers than the file has bytes, for which the library would allocate memory.
     pub(super) fn of(path: &Path, bytes: &[u8]) -> Result<Self> {
         let cut_off = || {
             Error::format(path, "is cut off: it has no directory of tags")
@@ -34,7 +33,7 @@ impl Tags {
         let little = bytes.starts_with(b"II");
         let number = |range: Range<usize>| bytes.get(range).map(|bytes| number(bytes, little));
         let big = number(2..4).ok_or_else(cut_off)? == 43;
-        // Lengths of the count of tags, of a tag, of its count of numbers, and of a place in the file.
+        // Lengths of the number of tags, of a tag, of its number of values, and of an offset.
         let (all, tag, count, wide) = if big { (8, 20, 8, 8) } else { (2, 12, 4, 4) };
         let first = if big { 8..16 } else { 4..8 };
         let mut start = number(first).ok_or_else(cut_off)? as usize;
@@ -46,7 +45,7 @@ impl Tags {
         while start != 0 && tags.pages < MOST {
             let after = |length: usize| start.saturating_add(length);
             let Some(entries) = number(start..after(all)) else {
-                // A later directory may be cut off where the first is whole.
+                // A later directory may be truncated if the first is complete.
                 if tags.pages > 0 {
                     break;
                 }
@@ -69,7 +68,7 @@ impl Tags {
                     ));
                 }
                 let length = width(kind) * numbers as usize;
-                // Few values lie in the tag itself.
+                // Values that fit are stored in the tag itself.
                 let begin = if length <= wide {
                     at + 4 + count
                 } else {
@@ -83,7 +82,7 @@ impl Tags {
             }
             tags.pages += 1;
             let next = number(at..at.saturating_add(wide)).unwrap_or(0) as usize;
-            // Directories of other programs may lie anywhere, but a chain that turns back has no end.
+            // Directories of other programs may be anywhere, but a chain that goes back would never end.
             start = if next > start { next } else { 0 };
         }
         if tags.pages == 0 {
@@ -92,12 +91,12 @@ impl Tags {
         Ok(tags)
     }
 
-    /// That the first of several pages is read.
+    /// Returns a warning if the first of several pages is read.
     pub(super) fn chosen_page(&self) -> Option<Warning> {
         Warning::first("page", self.pages)
     }
 
-    /// The place of the image in a larger picture in pixels, where it is not 0.
+    /// Returns the offset of the image in a larger picture in pixels, if it is not 0.
     pub(super) fn offset(&self, bytes: &[u8]) -> Option<[i64; 2]> {
         let along = |position: u64, resolution: u64| {
             let number = |tag| self.number(tag, bytes).filter(|v: &f64| v.is_finite());
@@ -110,19 +109,19 @@ impl Tags {
         (offset != [0, 0]).then_some(offset)
     }
 
-    /// Where the values of a tag lie, and their type.
+    /// Returns the type of a tag and the byte range of its values.
     fn range(&self, id: u64) -> Option<(u64, Range<usize>)> {
         let found = self.found.iter().find(|(other, ..)| *other == id);
         found.map(|(_, kind, range)| (*kind, range.clone()))
     }
 
-    /// Where a short number lies.
+    /// Returns the byte range of a 16-bit number.
     pub(super) fn short(&self, id: u64) -> Option<Range<usize>> {
         let (_, range) = self.range(id)?;
         Some(range.start..range.start + 2)
     }
 
-    /// A number, whole or a fraction.
+    /// Returns a number, an integer or a fraction.
     pub(super) fn number(&self, id: u64, bytes: &[u8]) -> Option<f64> {
         let (kind, range) = self.range(id)?;
         let value = |range: Range<usize>| {
@@ -130,7 +129,7 @@ impl Tags {
                 .get(range)
                 .map(|bytes| number(bytes, self.little) as f64)
         };
-        // Fractions are two numbers.
+        // Fractions are pairs of numbers.
         if matches!(kind, 5 | 10) {
             let middle = range.start + 4;
             return Some(value(range.start..middle)? / value(middle..middle + 4)?);
@@ -138,14 +137,14 @@ impl Tags {
         value(range.start..range.start + width(kind))
     }
 
-    /// A text.
+    /// Returns a text.
     pub(super) fn text<'a>(&self, id: u64, bytes: &'a [u8]) -> Option<&'a str> {
         let (_, range) = self.range(id)?;
         let text = std::str::from_utf8(bytes.get(range)?).ok()?;
         Some(text.trim_matches(|letter: char| letter == '\0' || letter.is_whitespace()))
     }
 
-    /// The bytes of a number of 16 bits.
+    /// Returns the bytes of a 16-bit number.
     pub(super) fn short_bytes(&self, value: u16) -> [u8; 2] {
         if self.little {
             value.to_le_bytes()
@@ -155,7 +154,7 @@ impl Tags {
     }
 }
 
-/// Bytes of a number of each type.
+/// Returns the size of each type in bytes.
 fn width(kind: u64) -> usize {
     match kind {
         3 | 8 => 2,

@@ -23,7 +23,7 @@ const NODATA: u64 = 42113;
 const WHITE_IS_ZERO: f64 = 0.0;
 const BLACK_IS_ZERO: u16 = 1;
 
-/// Reads the numbers of an image of one channel, integers or floats of 8 to 64 bits; of several pages the first.
+/// Reads the numbers of an image of one channel, integers or floats of 8 to 64 bits; the first of several pages.
 pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
     let damaged = |e: tiff::TiffError| {
         Error::format(path, "is not a readable TIFF")
@@ -44,7 +44,7 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
         return Err(Error::format(path, what)
             .hint("write the depths themselves (`gdal_translate -unscale`)"));
     }
-    // The library would turn the numbers of such an image around.
+    // The library would invert the numbers of such an image.
     if tags.number(PHOTOMETRIC, &bytes) == Some(WHITE_IS_ZERO)
         && let Some(value) = tags
             .short(PHOTOMETRIC)
@@ -95,15 +95,15 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
     Ok(raster)
 }
 
-/// The text of the first item with this role in the metadata of GDAL, which are XML:
-/// `<Item name="SCALE" sample="0" role="scale">0.001</Item>`.
+/// Returns the text of the first item with this role in the metadata of GDAL, which are XML: `<Item name="SCALE" sample="0"
+/// role="scale">0.001</Item>`.
 fn gdal_item<'a>(metadata: &'a str, role: &str) -> Option<&'a str> {
     let (_, after) = metadata.split_once(&format!("role=\"{role}\""))?;
     let (_, text) = after.split_once('>')?;
     text.split('<').next().map(str::trim)
 }
 
-/// Whether an image has one channel, and so may hold depths.
+/// Whether an image has one channel, so that it may contain depths.
 pub(crate) fn is_grey_tiff(path: &Path) -> Result<bool> {
     check_tags(path)?;
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
@@ -111,13 +111,13 @@ pub(crate) fn is_grey_tiff(path: &Path) -> Result<bool> {
     Ok(matches!(colour, Ok(ColorType::Gray(_))))
 }
 
-/// Refuses tags with more numbers than the file has bytes.
+/// Rejects tags with more numbers than the file has bytes.
 pub(super) fn check_tags(path: &Path) -> Result<()> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     Tags::of(path, &bytes).map(|_| ())
 }
 
-/// Writes 32-bit floats in metres.
+/// Writes depths as 32-bit floats in metres.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -140,7 +140,7 @@ mod tests {
 
     const STORED: [u16; 6] = [1, 2, 3, 4, 5, 6];
 
-    /// A picture of three columns and two rows with further tags.
+    /// An image of three columns and two rows with further tags.
     fn read(orientation: u16, metadata: Option<&str>) -> Result<Raster> {
         let mut bytes = Cursor::new(Vec::new());
         let mut file = TiffEncoder::new(&mut bytes).unwrap();
@@ -160,7 +160,7 @@ mod tests {
         read_tiff(&path)
     }
 
-    /// The rows of the table of TIFF 6.0, and the picture that they say.
+    /// Rows of the table of TIFF 6.0, and the image that results.
     #[test]
     fn depths_are_turned_upright_by_the_orientation_tag() {
         for (orientation, columns, upright) in [

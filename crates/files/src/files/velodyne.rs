@@ -1,10 +1,10 @@
-//! Laser scans as KITTI and nuScenes store them: float32 records without a header.
+//! Laser scans in the formats of KITTI and nuScenes: float32 records without a header.
 
 use super::PointVisitor;
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// Visits every point: x, y, z, intensity, and in nuScenes' `.pcd.bin` the number of the ring.
+/// Visits every point: x, y, z, intensity and, in nuScenes' `.pcd.bin`, the ring index.
 pub(super) fn read_velodyne(path: &Path, visit: &mut PointVisitor<'_>) -> Result<()> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let with_ring = path
@@ -14,7 +14,7 @@ pub(super) fn read_velodyne(path: &Path, visit: &mut PointVisitor<'_>) -> Result
     let (words, rest) = bytes.as_chunks::<4>();
     let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
     let records = values.chunks_exact(columns);
-    // Intensities tell whether these are such records at all.
+    // Implausible intensities indicate another kind of file.
     let intense = |record: &[f32]| (0.0..=255.0).contains(&record[3]);
     let is_scan = rest.is_empty() && records.remainder().is_empty() && !values.is_empty();
     if !is_scan || !records.clone().all(intense) {

@@ -1,16 +1,16 @@
-//! How frames are found: by time, by number or by name.
+//! Lookup of frames by time, by number or by name.
 
 use super::Poses;
 use std::collections::HashMap;
 
-/// What the frames of a file are called, each with its index among the frames.
+/// Keys of the frames of a file, each with its index among the frames.
 #[derive(Clone, Debug)]
 pub(super) enum Keys {
     /// Seconds, ascending.
     Times(Vec<f64>),
     /// Row numbers from 0, ascending.
     Rows(Vec<usize>),
-    /// Paths without endings, by their last part.
+    /// Paths without extensions, by their last component.
     Names(HashMap<String, Vec<(String, usize)>>),
 }
 
@@ -25,7 +25,7 @@ impl Keys {
         Self::Names(found)
     }
 
-    /// The index of a frame.
+    /// Returns the index of a frame.
     pub(super) fn find(&self, name: &str) -> Option<usize> {
         let name = normal(name);
         match self {
@@ -53,20 +53,20 @@ impl Keys {
     }
 }
 
-/// The only candidate that fits.
+/// Returns the only matching candidate.
 fn unique(candidates: &[(String, usize)], fits: impl Fn(&str) -> bool) -> Option<usize> {
     let mut fitting = candidates.iter().filter(|(path, _)| fits(path));
     let first = fitting.next()?;
     fitting.next().is_none().then_some(first.1)
 }
 
-/// Whether a path ends in all parts of another.
+/// Whether a path ends with all components of another.
 fn ends_in(path: &str, end: &str) -> bool {
     path.strip_suffix(end)
         .is_some_and(|before| before.is_empty() || before.ends_with('/'))
 }
 
-/// A path with `/` between its parts, and none of `.`.
+/// Returns a path with `/` between its components, and without `.`.
 fn normal(path: &str) -> String {
     let path = path.replace('\\', "/");
     let parts: Vec<&str> = path
@@ -80,7 +80,7 @@ fn last_part(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
 }
 
-/// A path, and what is left of it as one ending after the other is removed: 7-Scenes calls the images of
+/// Iterates over a path and its shortenings by one extension after another: 7-Scenes names the images of
 /// `frame-000000.pose.txt` `frame-000000.color.png`.
 fn stems(path: &str) -> impl Iterator<Item = &str> {
     std::iter::successors(Some(path), |path| {
@@ -89,7 +89,7 @@ fn stems(path: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// A path without its last ending. Digits are no ending but the fraction of a time.
+/// Returns a path without its last extension. Digits are not an extension, except for the fraction of a time.
 fn without_ending(path: &str) -> &str {
     match path.rsplit_once('.') {
         Some((before, ending))
@@ -103,13 +103,13 @@ fn without_ending(path: &str) -> &str {
     }
 }
 
-/// A name that is a time, in seconds.
+/// Parses a name that is a time, in seconds.
 fn time_in(text: &str) -> Option<f64> {
     let is_number = text.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '.'));
     seconds(text.parse().ok().filter(|_| is_number)?)
 }
 
-/// A time in seconds. Numbers too large for seconds since 1970 are milliseconds, microseconds or nanoseconds.
+/// Converts a time to seconds. Numbers too large for seconds since 1970 are milliseconds, microseconds or nanoseconds.
 pub(super) fn seconds(time: f64) -> Option<f64> {
     /// The year 5138 in seconds, and 1973 in milliseconds; likewise for the smaller units.
     const LARGEST: f64 = 1e11;

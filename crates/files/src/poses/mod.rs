@@ -9,7 +9,7 @@
 //! | sparse model of COLMAP | quaternion and translation, world to camera | name |
 //!
 //! Cameras look along z, with x to the right and y down, as [`lsdc_core::Camera`] does. Only those of `transforms.json`
-//! look along -z with y up, as in OpenGL; their y and z axes are turned around. The axes of the world are kept.
+//! look along -z with y up, as in OpenGL; their y and z axes are flipped. The axes of the world are kept.
 
 mod keys;
 mod text;
@@ -43,24 +43,24 @@ pub struct Poses {
     warnings: Vec<String>,
 }
 
-/// A frame: where its camera was, and the camera, if the file has it.
+/// A frame: the pose of its camera, and the camera, if the file has it.
 #[derive(Clone, Debug)]
 struct PosedFrame {
-    /// From the world to the camera.
+    /// Pose from the world to the camera.
     pose: Pose,
-    /// At its pose.
+    /// Camera at its pose.
     camera: Option<Camera>,
 }
 
 impl Poses {
-    /// Reads a file or folder, which is recognised by its contents.
+    /// Reads a file or folder, whose kind is recognised by its contents.
     ///
-    /// Rows and matrices that hold no pose (too few numbers, numbers that are not finite, a quaternion or matrix of zeros,
-    /// a time or name that was there before) are left out and counted. Quaternions are normalised.
+    /// Rows and matrices without a valid pose (too few numbers, numbers that are not finite, a quaternion or matrix of
+    /// zeros, a repeated time or name) are left out and counted. Quaternions are normalised.
     ///
     /// # Errors
-    /// A file that is missing, of no kind that is known, or without any pose; a quaternion whose length is not 1, or a
-    /// matrix that mirrors or scales.
+    /// The file is missing, of an unknown kind, or without any pose; the length of a quaternion is not 1; or a matrix
+    /// mirrors or scales.
     pub fn open(path: &Path) -> Result<Self> {
         let poses = if Colmap::is_at(path) {
             Self::of_model(Colmap::read(path)?)
@@ -81,7 +81,7 @@ impl Poses {
         Ok(poses)
     }
 
-    /// Frames at their keys. `ignored` could not be read; `first` describes the first of them.
+    /// Creates poses from frames and their keys. `ignored` poses could not be read; `first` describes the first of them.
     fn new(keys: Keys, frames: Vec<PosedFrame>, ignored: usize, first: Option<String>) -> Self {
         let total = frames.len() + ignored;
         let warnings = first.map(|first| {
@@ -117,17 +117,17 @@ impl Poses {
         )
     }
 
-    /// The pose of a frame, from the world to the camera; its inverse leads from the camera to the world.
+    /// Returns the pose of a frame, from the world to the camera; its inverse is from the camera to the world.
     ///
-    /// `name` is that of an image or a result, with or without folders and endings. Names are compared with those of the
-    /// file. Where the file has times, the name is a time in seconds, or in milliseconds, microseconds or nanoseconds
-    /// since 1970, and the nearest pose within [`Self::TIME_TOLERANCE`] is taken. Where it has rows alone, the
-    /// digits at the end of the name are the number of the row, from 0.
+    /// `name` is that of an image or a result, with or without folders and extensions. Names are compared with those of the
+    /// file. If the file has times, the name is a time in seconds, or in milliseconds, microseconds or nanoseconds since
+    /// 1970, and the nearest pose within [`Self::TIME_TOLERANCE`] is taken. If the file has only rows, the digits at the
+    /// end of the name are the index of the row, from 0.
     pub fn of(&self, name: &str) -> Option<Pose> {
         self.frame(name).map(|frame| frame.pose)
     }
 
-    /// The camera of a frame at its pose, if the file has its intrinsics. It belongs to the pixels as they are stored: see
+    /// Returns the camera of a frame at its pose, if the file has its intrinsics. It applies to the pixels as stored: see
     /// [`Camera::for_image`].
     pub fn camera(&self, name: &str) -> Option<&Camera> {
         self.frame(name)?.camera.as_ref()
@@ -137,25 +137,25 @@ impl Poses {
         self.keys.find(name).map(|index| &self.frames[index])
     }
 
-    /// Seconds between a frame and its pose, at most, as in the tools of the TUM RGB-D benchmark.
+    /// Largest time between a frame and its pose in seconds, as in the tools of the TUM RGB-D benchmark.
     pub const TIME_TOLERANCE: f64 = 0.02;
 
-    /// The number of poses.
+    /// Returns the number of poses.
     pub fn len(&self) -> usize {
         self.frames.len()
     }
 
-    /// Whether there is no pose; those of [`Self::open`] have at least one.
+    /// Whether there is no pose; [`Self::open`] returns at least one.
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// The number of rows, matrices or frames that hold no pose, or one of another frame.
+    /// Returns the number of rows, matrices or frames without a valid pose, or with a repeated key.
     pub fn ignored(&self) -> usize {
         self.ignored
     }
 
-    /// What was left out, a sentence each.
+    /// Returns warnings about omitted poses, a sentence each.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }

@@ -1,8 +1,8 @@
 use super::*;
 use std::fs;
 
-/// A camera at (2, 3, 1.5) that looks along the world's x, whose z is up: the optical frame of ROS (REP 103), whose
-/// quaternion is -0.5 0.5 -0.5 0.5.
+/// A camera at (2, 3, 1.5) that looks along the world's x axis; the world's z axis is up. This is the optical frame of ROS
+/// (REP 103), whose quaternion is -0.5 0.5 -0.5 0.5.
 const POSITION: [f64; 3] = [2.0, 3.0, 1.5];
 const ROTATION: [[f64; 3]; 3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
 const ROW: &str = "2 3 1.5 -0.5 0.5 -0.5 0.5";
@@ -73,7 +73,7 @@ fn every_format_gives_the_same_pose() {
     let poses = scratch.read("transforms.json", json).unwrap();
     assert_is_there(poses.of("frame_00001.png"));
     let camera = poses.camera("images/frame_00001").unwrap();
-    // Four metres ahead, one to the right (y to the left) and one up.
+    // Four metres ahead, one to the right (the world's y is left) and one up.
     let ([u, v], depth) = camera.project([6.0, 2.0, 2.5]).unwrap();
     assert!((depth - 4.0).abs() < 1e-12);
     assert!(
@@ -83,7 +83,7 @@ fn every_format_gives_the_same_pose() {
     assert_eq!(camera.size(), Some((640, 480)));
 }
 
-/// COLMAP has the inverse: the conjugate of the quaternion, and (3, 1.5, -2).
+/// COLMAP stores the inverse: the conjugate of the quaternion, and (3, 1.5, -2).
 #[test]
 fn a_model_of_colmap_gives_poses_and_cameras() {
     let scratch = Scratch::new();
@@ -152,7 +152,7 @@ fn names_may_differ_in_folders_and_endings_but_not_be_ambiguous() {
     assert_eq!(position("data/right/0001.jpg"), Some(2.0));
     assert_eq!(position("0001.png"), None);
     assert_eq!(position("r_12.png"), Some(3.0));
-    // Without a width the angle gives no focal length.
+    // Without a width, the angle gives no focal length.
     assert!(poses.camera("r_12").is_none());
 }
 
@@ -169,7 +169,7 @@ fn broken_rows_are_counted_and_described() {
     let expected =
         "5 of 6 poses are left out; the first of them, line 2, holds a quaternion of zeros";
     assert_eq!(warning, expected);
-    // A broken row keeps its number.
+    // An invalid row keeps its index.
     let kitti = scratch.read(
         "b.txt",
         &format!("{MATRIX}\nnan 0 1 2 -1 0 0 3 0 -1 0 1.5\n{MATRIX}\n"),

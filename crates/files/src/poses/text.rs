@@ -6,19 +6,19 @@ use crate::error::{Error, Result};
 use crate::pose::{Pose, rotation_matrix};
 use std::path::{Path, PathBuf};
 
-/// The columns of a row of a TUM trajectory and of KITTI.
+/// Number of columns of a TUM trajectory and, below, of KITTI.
 const TIMED: usize = 8;
 const MATRIX: usize = 12;
 
-/// Why a row gives no pose.
+/// Why a row has no pose.
 pub(super) enum NoPose {
-    /// It has none: what is wrong with it.
+    /// The row is damaged, with the reason.
     Broken(&'static str),
-    /// Its numbers mean something else than a pose.
+    /// The numbers are not a pose.
     Unsound(String),
 }
 
-/// Poses that were read, and what could not be.
+/// Poses that were read, and the number of rows that could not be.
 #[derive(Default)]
 pub(super) struct Rows<Key> {
     found: Vec<(Key, Pose)>,
@@ -27,7 +27,7 @@ pub(super) struct Rows<Key> {
 }
 
 impl<Key> Rows<Key> {
-    /// Adds what one row, file or frame called `place` gave.
+    /// Adds the result of one row, file or frame; `place` is its name in messages.
     pub(super) fn add(
         &mut self,
         path: &Path,
@@ -71,7 +71,7 @@ pub(super) fn read(path: &Path) -> Result<Poses> {
         .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
         .map(|(number, line)| (number, numbers(line)))
         .peekable();
-    // A header has no number at all.
+    // A header has no number.
     lines.next_if(|(_, row)| row.iter().all(Option::is_none));
     let columns = lines.peek().map(|(_, row)| row.len());
     let place = |line: usize| format!("line {line}");
@@ -103,7 +103,7 @@ pub(super) fn read(path: &Path) -> Result<Poses> {
     }
 }
 
-/// Reads every matrix in a folder: `NAME.pose.txt`, or where there is none `NAME.txt`.
+/// Reads every matrix in a folder: `NAME.pose.txt`, or if there are none `NAME.txt`.
 pub(super) fn read_folder(path: &Path) -> Result<Poses> {
     let unreadable = |e| Error::read(path, e);
     let mut files: Vec<PathBuf> = Vec::new();
@@ -140,7 +140,7 @@ pub(super) fn read_folder(path: &Path) -> Result<Poses> {
     Ok(rows.poses(Keys::names))
 }
 
-/// Poses in the order of their times, each time once.
+/// Sorts poses by time, dropping repeated times.
 fn timeline(mut rows: Rows<f64>) -> Poses {
     rows.found.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let all = std::mem::take(&mut rows.found);
@@ -155,7 +155,7 @@ fn timeline(mut rows: Rows<f64>) -> Poses {
     rows.poses(Keys::Times)
 }
 
-/// The words of a text as numbers, `None` for those that are none.
+/// Parses the words of a text as numbers, `None` for other words.
 fn numbers(text: &str) -> Vec<Option<f64>> {
     text.split(|c: char| c.is_ascii_whitespace() || matches!(c, ',' | ';'))
         .filter(|word| !word.is_empty())
@@ -178,9 +178,9 @@ fn whole<const N: usize>(row: &[Option<f64>]) -> std::result::Result<[f64; N], N
     }
 }
 
-/// A time, and the pose of a translation and a quaternion x, y, z, w.
+/// Reads a time, and the pose of a translation and a quaternion x, y, z, w.
 fn timed(row: &[Option<f64>]) -> std::result::Result<(f64, Pose), NoPose> {
-    /// How far lengths may be off 1: files round to four digits or more.
+    /// Largest deviation of a length from 1: files round to four digits or more.
     const ROUNDING: f64 = 1e-2;
     let [time, x, y, z, quaternion @ ..] = whole::<TIMED>(row)?;
     let time = seconds(time).ok_or(NoPose::Broken("holds an impossible time"))?;
@@ -200,7 +200,7 @@ fn timed(row: &[Option<f64>]) -> std::result::Result<(f64, Pose), NoPose> {
     Ok((time, pose))
 }
 
-/// The pose of a matrix of three rows of four numbers, row by row.
+/// Returns the pose of a matrix of three rows of four numbers, row by row.
 pub(super) fn matrix(numbers: &[f64]) -> std::result::Result<Pose, NoPose> {
     if numbers.iter().all(|&number| number == 0.0) {
         return Err(NoPose::Broken("holds a matrix of zeros"));

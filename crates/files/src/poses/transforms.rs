@@ -1,4 +1,4 @@
-//! `transforms.json`, as nerfstudio, Instant NGP, `NeRF` and apps for `ARKit` write it.
+//! `transforms.json`, as written by nerfstudio, Instant NGP, `NeRF` and apps for `ARKit`.
 
 use super::keys::Keys;
 use super::text::{NoPose, matrix};
@@ -20,13 +20,13 @@ struct Transforms {
 #[derive(Deserialize)]
 struct Frame {
     file_path: String,
-    /// Rows of a 4x4 matrix; JSON has no number for those that are not finite.
+    /// Rows of a 4x4 matrix; JSON has no number for values that are not finite.
     transform_matrix: Vec<Vec<Option<f64>>>,
     #[serde(flatten)]
     own: Intrinsics,
 }
 
-/// Those of a frame take precedence over those of the file.
+/// Intrinsics of a frame or of the file; those of a frame take precedence.
 #[derive(Clone, Default, Deserialize)]
 struct Intrinsics {
     fl_x: Option<f64>,
@@ -35,7 +35,7 @@ struct Intrinsics {
     cy: Option<f64>,
     w: Option<f64>,
     h: Option<f64>,
-    /// Radians between the left and the right edge.
+    /// Horizontal field of view in radians.
     camera_angle_x: Option<f64>,
     k1: Option<f64>,
     k2: Option<f64>,
@@ -90,7 +90,8 @@ pub(super) fn read(path: &Path) -> Result<Poses> {
     ))
 }
 
-/// The pose from the world to a camera that looks along z, from that of one that looks along -z to the world.
+/// Converts the pose of a camera that looks along -z, from the camera to the world, to that of a camera that looks along z,
+/// from the world to the camera.
 fn pose(rows: &[Vec<Option<f64>>]) -> std::result::Result<Pose, NoPose> {
     let numbers: Option<Vec<f64>> = rows.iter().take(3).flatten().copied().collect();
     let numbers = numbers.ok_or(NoPose::Broken("holds a number that is not finite"))?;
@@ -126,10 +127,10 @@ impl Intrinsics {
         }
     }
 
-    /// The camera at the origin, if it is of a kind that is known and nothing of it is missing.
+    /// Returns the camera at the origin, if its kind is supported and it is complete.
     ///
     /// # Errors
-    /// Intrinsics that no camera has.
+    /// The intrinsics are invalid.
     fn camera(&self) -> std::result::Result<Option<Camera>, String> {
         let of_angle = |angle: f64| Some(0.5 * self.w? / (0.5 * angle).tan());
         let angle = self.camera_angle_x.and_then(of_angle);

@@ -1,4 +1,4 @@
-//! The known depths of an image at their places, and as maps of one depth to a pixel.
+//! The known depths of an image at subpixel positions, and as maps of one depth per pixel.
 
 use crate::error::Result;
 use crate::grid::nearest_pixels;
@@ -9,42 +9,40 @@ use lsdc_core::{Observation, Observations};
 /// Known depths of an image, and how they were read.
 #[derive(Clone, Debug)]
 pub struct Sparse {
-    /// Depths in metres (or in the unit of a model) at their places in the upright image.
+    /// Depths in metres (or in the unit of a model) at positions in the upright image.
     pub points: Observations,
-    /// The identities of the points, if they are of a model, in which other images see them too.
+    /// Identifiers of the points, if they are of a model, so that other images share them.
     pub ids: Option<Vec<u64>>,
     /// Width and height of the upright image.
     pub size: (usize, usize),
     /// The unit of the file.
     pub unit: Unit,
-    /// `true` if the unit was inferred.
+    /// Whether the unit was inferred.
     pub guessed: bool,
-    /// Points without a positive and finite depth.
+    /// Number of points without a positive and finite depth.
     pub ignored: usize,
-    /// Points outside the image.
+    /// Number of points outside the image.
     pub outside: usize,
-    /// Points behind a nearer surface in the same pixel, and those of a cloud that nearer ones
-    /// surround.
+    /// Number of points behind a nearer surface in the same pixel, and of cloud points surrounded by nearer ones.
     pub hidden: usize,
-    /// What was assumed or left out and should be checked, a sentence each.
+    /// Assumptions and omissions that should be checked, a sentence each.
     pub remarks: Vec<String>,
 }
 
 impl Sparse {
-    /// One depth to a pixel, for methods that know no places between them: that of the nearest point,
-    /// and of several on the nearest surface their mean, weighted by their precision. A point between
-    /// pixels counts for each of them.
+    /// Returns one depth per pixel, for methods without subpixel positions: the nearest point's, or the mean of several
+    /// points on the nearest surface, weighted by their precision. A point between pixels counts for each of them.
     ///
     /// # Errors
-    /// An image without pixels.
+    /// The image has no pixels.
     pub fn map(&self) -> Result<DepthMap> {
         self.maps().map(|(depth, _)| depth)
     }
 
-    /// As [`Self::map`], and the standard deviations of the means, if all points have one.
+    /// Returns [`Self::map`], and the standard deviations of the means if all points have one.
     ///
     /// # Errors
-    /// An image without pixels.
+    /// The image has no pixels.
     pub fn maps(&self) -> Result<(DepthMap, Option<DepthMap>)> {
         let (width, height) = self.size;
         let area = width * height;

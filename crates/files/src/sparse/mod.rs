@@ -19,26 +19,25 @@ use points::SparseBuilder;
 use std::path::Path;
 
 impl Sparse {
-    /// The endings of files that can be read, in small letters.
+    /// Returns the supported file extensions, in lower case.
     pub fn endings() -> impl Iterator<Item = &'static str> {
         endings()
     }
 
-    /// Reads sparse depths for an image, by the file's ending.
+    /// Reads sparse depths for an image, by the file's extension.
     ///
-    /// - Maps of the image's shape, of as many pixels or not: `png`, `pgm`, `npy`, `npz`, `tiff`,
-    ///   `exr`, `pfm`, `h5`.
-    /// - Tables, `csv`, `txt` and arrays `[points, 3 or 4]`: of `u, v, depth[, sigma]`, u and v in
-    ///   pixels from the centre of the first, or of x, y, z. Names in the first line say which; without
-    ///   names the columns are x, y, z if there is a camera and most points could not be pixels, or
-    ///   pixels if the points lie all over the image, and what may be either is refused.
+    /// - Maps of the image's shape, at any resolution: `png`, `pgm`, `npy`, `npz`, `tiff`, `exr`, `pfm`, `h5`.
+    /// - Tables, `csv`, `txt` and arrays `[points, 3 or 4]`: of `u, v, depth[, sigma]`, u and v in pixels from the centre of
+    ///   the first, or of x, y, z. Names in the first line decide which. Without names the columns are x, y, z if there is a
+    ///   camera and most points cannot be pixels, or pixels if the points are spread over the image. Ambiguous tables are
+    ///   rejected.
     /// - Clouds, which need the camera of the upright image: `ply`, `pcd`, `las`, `laz`, `xyz`, `bin`.
     ///
-    /// Without a unit integers are taken for millimetres, other numbers and clouds for metres.
+    /// Without a unit, integers are taken for millimetres; other numbers and clouds for metres.
     ///
     /// # Errors
-    /// A file that is missing, damaged, ambiguous or of another kind or shape; a table without a point
-    /// in the image; a cloud without a camera.
+    /// The file is missing, damaged, ambiguous or of another kind or shape; a table has no point in the image; or a cloud
+    /// has no camera.
     pub fn read(
         path: &Path,
         unit: Option<Unit>,
@@ -48,11 +47,11 @@ impl Sparse {
         Self::read_as(path, unit.into(), camera, image)
     }
 
-    /// As [`Self::read`], with what the depths measure. Distances along the ray need the camera, with which maps and
-    /// tables of pixels become depths along the axis; those of clouds are coordinates in any case.
+    /// [`Self::read`] with the definition of the depths. Distances along the ray need the camera, which converts maps and
+    /// tables of pixels to depths along the axis; clouds have coordinates in any case.
     ///
     /// # Errors
-    /// As [`Self::read`]; distances along the ray without a camera.
+    /// As [`Self::read`], and if distances along the ray have no camera.
     pub fn read_as(
         path: &Path,
         options: DepthReadOptions,
@@ -88,14 +87,14 @@ impl Sparse {
         }
     }
 
-    /// What a view of a model sees in its image. Depths stay in the unit of the model if none is given.
+    /// Returns the points that a view of a model sees in its image. Depths stay in the unit of the model if none is given.
     ///
     /// # Errors
-    /// An image of another shape than that of the model; no point in the image.
+    /// The image has another shape than that of the model, or no point is in it.
     pub fn of_view(view: &View, image: impl Into<Orientation>, unit: Option<Unit>) -> Result<Self> {
         let image = image.into();
         check(image.upright())?;
-        // COLMAP knows the pixels as they are stored.
+        // COLMAP refers to the pixels as stored.
         let as_stored = same_shape(view.size, image.stored());
         if !as_stored && !same_shape(view.size, image.upright()) {
             let ((a, b), (c, d)) = (view.size, image.stored());
@@ -122,10 +121,10 @@ impl Sparse {
         Ok(found)
     }
 
-    /// What a camera sees of a cloud in metres in an image of this width and height. `name` is what the cloud is called.
+    /// Projects a cloud in metres to an image of this width and height. `name` is used in messages.
     ///
     /// # Errors
-    /// A camera of images of another shape; no point in the image.
+    /// The camera is of images of another shape, or no point is in the image.
     pub fn of_cloud(
         name: &Path,
         cloud: impl IntoIterator<Item = [f64; 3]>,
@@ -142,19 +141,19 @@ impl Sparse {
         self::cloud(name, points, FileUnit::new(metres, NumberType::Floats))
     }
 
-    /// The depths of a map of an image's shape. `name` is what the map is called.
+    /// Returns the depths of a map with the shape of the image. `name` is used in messages.
     ///
     /// # Errors
-    /// A map of another shape.
+    /// The map has another shape.
     pub fn of_depths(name: &Path, map: StoredMap, size: (usize, usize)) -> Result<Self> {
         check(size)?;
         Self::of_map(name, map, &size.into())
     }
 
-    /// The same depths with standard deviations from a map of the image's shape, in the same unit.
+    /// Adds standard deviations from a map with the shape of the image, in the unit of the depths.
     ///
     /// # Errors
-    /// A file that is missing, damaged, or no map of this shape.
+    /// The file is missing, damaged, or not a map of this shape.
     pub fn with_sigma(self, path: &Path, image: impl Into<Orientation>) -> Result<Self> {
         let image = image.into();
         let DepthFile::Map(map) = read_depth_file(path, Some(self.unit).into(), |_| false)? else {
@@ -264,7 +263,7 @@ impl Sparse {
         Ok(found)
     }
 
-    /// The points as depths along the axis.
+    /// Converts distances along the ray to depths along the axis, if `kind` is [`DepthKind::Ray`].
     fn of_kind(self, kind: Option<DepthKind>, camera: Option<&Camera>) -> Result<Self> {
         if kind != Some(DepthKind::Ray) {
             return Ok(self);
@@ -289,8 +288,7 @@ impl Sparse {
         Ok(found)
     }
 
-    /// What is odd about the places of points that are given in pixels: many of them outside the image, or
-    /// in the same pixels.
+    /// Returns a warning if many points given in pixels are outside the image, or in the same pixels.
     fn doubtful_places(&self) -> Option<String> {
         let all = self.points.len() + self.outside + self.hidden;
         let (count, what) = if self.outside * 10 > all {
@@ -313,7 +311,7 @@ impl Sparse {
         known: FileUnit,
         size: (usize, usize),
     ) -> Result<Self> {
-        // Without names a fourth column is an intensity or a colour.
+        // In a cloud without names, a fourth column is an intensity or a colour.
         let with_sigma = table.columns == ColumnMeaning::Space;
         let metres = known.unit.metres();
         let mut points = SparseBuilder::new(size);
@@ -332,7 +330,7 @@ impl Sparse {
         Ok(found)
     }
 
-    /// Adds a warning if a unit leads to implausible depths: it is then a guess.
+    /// Adds a warning if a unit leads to implausible depths; the unit is then a guess.
     fn check_unit(&mut self, known: FileUnit) {
         let warning = known.warning(self.points.iter().map(|point| point.depth).collect());
         self.guessed |= warning.is_some();
@@ -340,7 +338,7 @@ impl Sparse {
     }
 }
 
-/// The position in the upright image of a position on a grid of another size, which shows the image upright or as stored.
+/// Converts a position on a grid of another size, upright or as stored, to the upright image.
 fn in_image(
     [u, v]: [f64; 2],
     grid: (usize, usize),
@@ -363,7 +361,7 @@ fn in_image(
     }
 }
 
-/// What the camera sees of a cloud.
+/// Returns the points of a cloud that the camera sees.
 fn cloud(path: &Path, points: SparseBuilder, known: FileUnit) -> Result<Sparse> {
     if points.found.is_empty() {
         return Err(points.no_points(path, "points").hint(
@@ -376,7 +374,7 @@ fn cloud(path: &Path, points: SparseBuilder, known: FileUnit) -> Result<Sparse> 
     Ok(found)
 }
 
-/// The camera that a cloud needs.
+/// Returns the camera, which a cloud needs.
 fn require_camera<'a>(path: &Path, camera: Option<&'a Camera>) -> Result<&'a Camera> {
     camera.ok_or_else(|| {
         Error::format(path, "is a point cloud; pass --camera to project it").hint(
@@ -416,8 +414,7 @@ fn upright_as_shown(what: &str, image: &Orientation) -> String {
     )
 }
 
-/// Whether an array is a table of points rather than a map: a map is as large as the image, of which
-/// sizes are given.
+/// Whether an array is a table of points rather than a map, which would have one of the sizes of `images`.
 pub(super) fn is_table(array: &Raster, images: &[(usize, usize)]) -> bool {
     matches!(array.columns, 3 | 4) && !images.contains(&(array.columns, array.rows))
 }

@@ -8,25 +8,25 @@ use lsdc_core::Observation;
 use lsdc_core::cloud::visible;
 use std::path::Path;
 
-/// Collects the points of an image, and counts those that are left out.
+/// Collects the points of an image, and counts the points that are left out.
 #[derive(Default)]
 pub(super) struct SparseBuilder {
     size: (usize, usize),
     pub(super) found: Vec<Observation>,
-    /// Their identities, if all have one.
+    /// Identifiers of the points, if all have one.
     ids: Vec<u64>,
     all: usize,
     pub(super) ignored: usize,
     outside: usize,
-    /// Whose standard deviation is unknown, as it is not positive and finite, and which came first.
+    /// Number of points whose standard deviation is unknown, because it is not positive and finite, and the first of them.
     unknown_sigmas: usize,
     first_unknown: usize,
-    /// A camera sees through between the points of a cloud.
+    /// Whether the points are a cloud, through which the camera sees between the points.
     is_cloud: bool,
 }
 
 impl SparseBuilder {
-    /// For an image of this width and height.
+    /// Creates a builder for an image of this width and height.
     pub(super) fn new(size: (usize, usize)) -> Self {
         Self {
             size,
@@ -34,7 +34,7 @@ impl SparseBuilder {
         }
     }
 
-    /// As [`Self::new`], with room for so many points.
+    /// [`Self::new`] with capacity for `count` points.
     pub(super) fn with_capacity(size: (usize, usize), count: usize) -> Self {
         Self {
             found: Vec::with_capacity(count),
@@ -42,7 +42,7 @@ impl SparseBuilder {
         }
     }
 
-    /// Adds the point of that number in the file: its position (u, v), depth and standard deviation in metres.
+    /// Adds the point with an index in the file: its position (u, v), depth and standard deviation in metres.
     pub(super) fn add(&mut self, [u, v]: [f64; 2], depth: f64, sigma: Option<f64>, number: usize) {
         let is_positive = |value: f32| value > 0.0 && value.is_finite();
         let (depth, sigma) = (depth as f32, sigma.map(|sigma| sigma as f32));
@@ -63,7 +63,7 @@ impl SparseBuilder {
         }
     }
 
-    /// As [`Self::add`], with the identity of the point in its model.
+    /// [`Self::add`] with the identifier of the point in its model.
     pub(super) fn add_identified(
         &mut self,
         position: [f64; 2],
@@ -101,7 +101,7 @@ impl SparseBuilder {
         }
     }
 
-    /// The points without hidden ones; `row` is what a point is called in the file.
+    /// Returns the points without hidden ones; `row` is the word for a point of the file in messages.
     pub(super) fn build(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
         let visible = visible(&self.found, self.size, self.is_cloud);
         let hidden = visible.iter().filter(|visible| !**visible).count();
@@ -131,7 +131,7 @@ impl SparseBuilder {
         }
     }
 
-    /// The error if no point is left.
+    /// Returns the error if no point is left.
     pub(super) fn no_points(&self, path: &Path, points: &str) -> Error {
         let (all, (width, height)) = (self.all, self.size);
         Error::format(
@@ -144,7 +144,7 @@ impl SparseBuilder {
     }
 }
 
-/// Keeps the items that are to be kept, in their order.
+/// Retains the items that `kept` marks, in order.
 fn retain<T>(items: &mut Vec<T>, kept: &[bool]) {
     let mut kept = kept.iter();
     items.retain(|_| kept.next().copied().unwrap_or(true));

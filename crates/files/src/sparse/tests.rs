@@ -48,7 +48,7 @@ fn all_points_of_a_surface_stay_in_a_pixel_and_those_behind_a_gap_are_hidden() {
     for lines in orders {
         let found = read(&lines.join("\n")).unwrap();
         assert_eq!((found.points.len(), found.hidden), (3, 1));
-        // The mean of the surface.
+        // The mean depth of the surface.
         let depth = found.map().unwrap().at(1, 1);
         assert!((depth - (2.0 + 2.04 + 1.98) / 3.0).abs() < 1e-6, "{depth}");
     }
@@ -58,10 +58,10 @@ fn all_points_of_a_surface_stay_in_a_pixel_and_those_behind_a_gap_are_hidden() {
 fn points_of_one_pixel_are_weighted_by_their_precision() {
     let found = read("1,1,2.0,0.1\n1,1,2.06,0.2\n").unwrap();
     let (depth, sigma) = found.maps().unwrap();
-    // Weights of 100 and 25.
+    // The weights are 100 and 25.
     assert!((depth.at(1, 1) - (200.0 + 51.5) / 125.0).abs() < 1e-6);
     assert!((sigma.unwrap().at(1, 1) - (1.0_f32 / 125.0).sqrt()).abs() < 1e-7);
-    // The nearer point says nothing, so that the other stays.
+    // The nearer point has no weight, so that the other one is kept.
     let found = read("1,1,1,5\n1,1,3,0.01\n").unwrap();
     assert_eq!((found.points.len(), found.hidden), (2, 0));
     assert!((found.map().unwrap().at(1, 1) - 3.0).abs() < 1e-4);
@@ -123,7 +123,7 @@ fn distances_along_the_ray_become_depths_with_a_camera() {
     );
     let error = Sparse::read_as(&path, how(Some(DepthKind::Ray)), None, SIZE).unwrap_err();
     assert!(error.advice().unwrap().contains("--camera"));
-    // A name that says distance is doubted, unless the kind is given.
+    // A name that denotes distances gives a warning, unless the kind is given.
     let named = folder.path().join("distance.npy");
     std::fs::rename(&path, &named).unwrap();
     let remarks = |kind| {
@@ -139,7 +139,7 @@ fn distances_along_the_ray_become_depths_with_a_camera() {
     assert!(remarks(Some(DepthKind::Z)).is_empty());
 }
 
-/// A map of 4x3 without two equal values.
+/// A map of 4x3 distinct values.
 fn map(first: f32) -> DepthMap {
     let values = (0..12).map(|i| first + i as f32 * 0.123).collect();
     DepthMap::new(4, 3, values).unwrap()
@@ -180,7 +180,7 @@ fn what_is_written_is_read() {
     }
 }
 
-/// On a slanted plane, depth 1 + 0.01 u + 0.02 v, every pixel of a smaller map is at its centre.
+/// On a slanted plane, depth 1 + 0.01 u + 0.02 v, the depth of each pixel of a smaller map is that at its centre.
 #[test]
 fn a_smaller_map_lies_where_the_centres_of_its_pixels_are() {
     let folder = tempfile::tempdir().unwrap();
@@ -199,7 +199,7 @@ fn a_smaller_map_lies_where_the_centres_of_its_pixels_are() {
         for point in &found.points {
             assert!((f64::from(point.depth) - plane(point.u, point.v)).abs() < 1e-6);
         }
-        // As a map it is biased to no side either.
+        // The map has no bias to any side either.
         let map = found.map().unwrap();
         let deviation = map
             .points()
@@ -209,7 +209,7 @@ fn a_smaller_map_lies_where_the_centres_of_its_pixels_are() {
     }
 }
 
-/// Two pixels of a map to one of the image, on the plane of the test above.
+/// A map of twice the resolution of the image, on the plane of the test above.
 #[test]
 fn a_larger_map_is_averaged_without_bias() {
     let folder = tempfile::tempdir().unwrap();
@@ -258,7 +258,7 @@ fn a_table_beside_the_image_is_refused() {
     );
 }
 
-/// Where a pinhole camera sees x, y, z: f x / z + c.
+/// The projection of x, y, z by a pinhole camera: f x / z + c.
 #[test]
 fn tables_of_x_y_z_are_clouds() {
     let folder = tempfile::tempdir().unwrap();
@@ -296,7 +296,7 @@ fn tables_of_x_y_z_are_clouds() {
         let seen = |[x, y, z]: &[f64; 3]| {
             let position = [100.0 * x / z + 99.5, 100.0 * y / z + 79.5];
             let deviation = (position[0] - point.u).hypot(position[1] - point.v);
-            // Coordinates of 32 bits.
+            // 32-bit coordinates.
             deviation < 1e-4 && (*z as f32) == point.depth
         };
         assert!(cloud.iter().any(seen), "{point:?}");
@@ -315,12 +315,12 @@ fn tables_of_x_y_z_are_clouds() {
         let hint = error.advice().unwrap_or_default();
         assert!(hint.contains("--camera"), "{name}: {error}");
     }
-    // All of it is right and below: pixels as well as a cloud.
+    // All points are to the right and below: they may be pixels as well as a cloud.
     let error = Sparse::read(&at("four.npy"), None, Some(&camera), size).unwrap_err();
     assert!(error.to_string().contains("may be u, v, depth"), "{error}");
 }
 
-/// One point that the stored pixels show at (3, 1) of 8x6, where EXIF 6 turns it to (6 - 1 - 1, 3).
+/// One point at (3, 1) of 8x6 stored pixels, which EXIF 6 rotates to (6 - 1 - 1, 3).
 #[test]
 fn keypoints_of_colmap_are_turned_with_the_image() {
     let folder = tempfile::tempdir().unwrap();
@@ -358,7 +358,7 @@ fn keypoints_of_colmap_are_turned_with_the_image() {
         let [x, y, z] = camera.unproject(position, 5.0).unwrap();
         assert!((x + 0.25).abs() + (y + 0.75).abs() + (z - 5.0).abs() < 1e-9);
     }
-    // At half the size, and in millimetres.
+    // Half the size, and in millimetres.
     let half = Sparse::of_view(view, Orientation::new((4, 3), 6), Some(Unit::MILLIMETRE)).unwrap();
     assert_eq!(points(&half), [(1.75, 1.25, 0.005)]);
     for size in [(8, 8), (100, 50)] {

@@ -7,10 +7,11 @@ use lsdc_core::DepthMap;
 /// The folders of depth and of normal maps.
 pub(super) const PATHS: [&str; 2] = ["stereo/depth_maps", "stereo/normal_maps"];
 
-/// What follows the name of an image in `patch-match.cfg`: its source images, as `colmap image_undistorter` writes them.
+/// Text after the name of an image in `patch-match.cfg`: its source images, as `colmap image_undistorter` writes them.
 const SOURCES: &str = "\n__auto__, 20\n";
 
-/// The files of the depth map and of the normal map of an image, and how many pixels have a depth but no normal.
+/// Returns the files of the depth map and of the normal map of an image, and the number of pixels with a depth but no
+/// normal.
 pub(super) fn maps(depth: &DepthMap, intrinsics: [f64; 4]) -> ([Vec<u8>; 2], usize) {
     let normals = normals(depth, intrinsics);
     let found = normals.iter().filter(|normal| normal.is_some()).count();
@@ -24,8 +25,8 @@ pub(super) fn maps(depth: &DepthMap, intrinsics: [f64; 4]) -> ([Vec<u8>; 2], usi
     ([depths, normals], depth.count() - found)
 }
 
-/// A file of COLMAP's `Mat<float>`: `width&height&channels&`, then 32-bit floats, little-endian, channel by channel and row by
-/// row.
+/// Encodes a file of COLMAP's `Mat<float>`: `width&height&channels&`, then 32-bit floats, little-endian, channel by channel
+/// and row by row.
 fn matrix(
     (width, height): (usize, usize),
     channels: usize,
@@ -37,7 +38,7 @@ fn matrix(
     bytes
 }
 
-/// The lists of the images with depth, by their paths.
+/// Returns the lists of the images with depth, by their paths.
 pub(super) fn lists<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
 ) -> [(&'static str, String); 2] {
@@ -76,7 +77,7 @@ mod tests {
         assert_eq!(&normals[..head.len()], b"4&3&3&");
         let normals = numbers(&normals[head.len()..]);
         assert!(normals[..24].iter().all(|v| v.abs() < 1e-6));
-        // The pixel without depth, and those whose only neighbour in a row or a column it is.
+        // The pixel without depth, and the pixels for which it is the only neighbour in a row or a column.
         let none = |i: usize| [1, 4, 5, 9].contains(&i);
         let z: Vec<f32> = (0..12).map(|i| if none(i) { 0.0 } else { -1.0 }).collect();
         assert_eq!(&normals[24..], z);

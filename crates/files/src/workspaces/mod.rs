@@ -1,7 +1,7 @@
 //! Workspaces of programs that use dense depth: COLMAP's dense stage, 3-D Gaussian splatting and nerfstudio.
 //!
 //! A workspace is a folder with the images and cameras of a sparse model and a depth map for each image, laid out as the
-//! program expects. Depths stay in the unit of the model, because poses and points of the model do. 0 means no depth.
+//! program expects. Depths stay in the unit of the model, as poses and points do. 0 means no depth.
 
 mod colmap;
 mod nerfstudio;
@@ -22,10 +22,10 @@ use std::fmt::{Display, Formatter};
 use std::path::{Component, Path, PathBuf};
 use std::str::FromStr;
 
-/// The file that marks a folder as a workspace written by this library, which may be continued.
+/// File that marks a folder as a workspace written by this library, which may be continued.
 const MARKER: &str = ".lsdc-workspace";
 
-/// The folder of images in every workspace.
+/// Folder of images in every workspace.
 const IMAGES: &str = "images";
 
 /// The program that a workspace is written for.
@@ -41,10 +41,10 @@ pub enum WorkspaceFormat {
 }
 
 impl WorkspaceFormat {
-    /// All, in the order of their documentation.
+    /// All formats, in the order of their documentation.
     pub const ALL: [Self; 3] = [Self::Colmap, Self::Splatting, Self::Nerfstudio];
 
-    /// The name in arguments, and of the folder of the workspace.
+    /// Returns the name in arguments, which is also that of the folder of the workspace.
     pub fn name(self) -> &'static str {
         match self {
             Self::Colmap => "colmap",
@@ -95,13 +95,13 @@ pub struct Workspace {
     folder: PathBuf,
     /// The folder of the sparse model.
     model: PathBuf,
-    /// In the order of their names.
+    /// Images of the model, by name.
     views: Vec<PosedView>,
     index: HashMap<String, usize>,
     coding: Coding,
 }
 
-/// An image of the model with the camera at its place.
+/// An image of the model with its camera at its pose.
 #[derive(Debug)]
 struct PosedView {
     name: String,
@@ -109,7 +109,7 @@ struct PosedView {
     camera: Camera,
 }
 
-/// How depths are stored.
+/// Storage format of depths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Coding {
     Colmap,
@@ -123,25 +123,25 @@ pub struct WorkspaceFrame {
     view: usize,
     /// Paths below the folder of the workspace, with their contents.
     files: Vec<(PathBuf, Vec<u8>)>,
-    /// What became of the pixels.
+    /// Counts of pixels that are not stored as their depth.
     pub counts: WorkspaceCounts,
 }
 
-/// Pixels of an image that a workspace stores otherwise than their depth.
+/// Counts of pixels of an image that a workspace does not store as their depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct WorkspaceCounts {
-    /// No depth: 0 in the workspace.
+    /// Pixels without depth: 0 in the workspace.
     pub empty: usize,
-    /// A depth, but too few neighbours with depth for a normal (COLMAP): the normal is 0.
+    /// Pixels with too few neighbours with depth for a normal (COLMAP): the normal is 0.
     pub without_normal: usize,
-    /// Farther than a format of 16 bits holds: stored as the farthest depth that it holds.
+    /// Pixels farther than a 16-bit format can store: clamped to its farthest depth.
     pub farthest: usize,
-    /// Nearer than a format of 16 bits holds: stored as the nearest depth that it holds.
+    /// Pixels nearer than a 16-bit format can store: clamped to its nearest depth.
     pub nearest: usize,
 }
 
 impl WorkspaceCounts {
-    /// The larger of each number of two workspaces of an image.
+    /// Returns the larger of each count of two workspaces of an image.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         Self {
@@ -152,7 +152,7 @@ impl WorkspaceCounts {
         }
     }
 
-    /// Adds the pixels of another image.
+    /// Adds the counts of another image.
     pub fn add(&mut self, other: Self) {
         self.empty += other.empty;
         self.without_normal += other.without_normal;
@@ -164,18 +164,18 @@ impl WorkspaceCounts {
 /// The images of a workspace after [`Workspace::finish`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WorkspaceImages {
-    /// Images with depth.
+    /// Number of images with depth.
     pub with_depth: usize,
-    /// Images of the model without depth: those not completed yet, and those whose files are absent.
+    /// Number of images of the model without depth: not completed yet, or without files.
     pub without_depth: usize,
 }
 
 impl Workspace {
-    /// A workspace in `folder`, of the sparse model that was read from the folder `model_folder`. Nothing is written.
+    /// Creates a workspace in `folder` for the sparse model that was read from `model_folder`. Nothing is written.
     ///
     /// # Errors
-    /// A camera that the program cannot use; for splatting, images whose names differ only in their endings, or a model
-    /// without points.
+    /// A camera is unsupported by the program; for splatting, names of images differ only in their extensions, or the model
+    /// has no points.
     pub fn new(
         format: WorkspaceFormat,
         folder: PathBuf,
@@ -230,7 +230,7 @@ impl Workspace {
         folder.join(MARKER).is_file()
     }
 
-    /// The program.
+    /// Returns the program.
     pub fn format(&self) -> WorkspaceFormat {
         match self.coding {
             Coding::Colmap => WorkspaceFormat::Colmap,
@@ -239,7 +239,7 @@ impl Workspace {
         }
     }
 
-    /// The folder of the workspace.
+    /// Returns the folder of the workspace.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -247,7 +247,7 @@ impl Workspace {
     /// Creates the folder, or continues a workspace for the same program. `replace` allows a folder of other contents.
     ///
     /// # Errors
-    /// A folder of other contents without `replace`, or one that cannot be written.
+    /// The folder has other contents and `replace` is not set, or it cannot be written.
     pub fn create(&self, replace: bool) -> Result<()> {
         let folder = &self.folder;
         let marker = folder.join(MARKER);
@@ -271,7 +271,7 @@ impl Workspace {
         write_atomically(&marker, |out| out.write_all(text.as_bytes()))
     }
 
-    /// Removes what interrupted writers left in the folders of images and depths.
+    /// Removes files that interrupted writers left in the folders of images and depths.
     fn remove_leftovers(&self) {
         let files = self.views.iter().enumerate().flat_map(|(view, posed)| {
             let depths = self.paths(&posed.name).map(|path| self.folder.join(path));
@@ -284,7 +284,7 @@ impl Workspace {
         }
     }
 
-    /// Whether the image of that name and its depth are in the workspace.
+    /// Whether the image of this name and its depth are in the workspace.
     pub fn has(&self, name: &str) -> bool {
         self.index.get(name).is_some_and(|&view| {
             let mut files = self.paths(name);
@@ -292,18 +292,17 @@ impl Workspace {
         })
     }
 
-    /// Whether anything of the image of that name is in the workspace.
+    /// Whether any depth file of the image of this name is in the workspace.
     pub fn has_any(&self, name: &str) -> bool {
         self.paths(name)
             .any(|path| self.folder.join(path).is_file())
     }
 
-    /// Encodes the depth of an image. `depth` is of any size, in the unit of the model, and shows the upright image;
-    /// `camera` is the camera of the upright image, by which EXIF orientations are undone, because programs read the pixels
-    /// as stored.
+    /// Encodes the depth of an image. `depth` is of any size, in the unit of the model, and upright. `camera` is the camera
+    /// of the upright image; it undoes EXIF orientations, because programs read the pixels as stored.
     ///
     /// # Errors
-    /// A name that is not in the model, or that leads out of the folder; a depth that the format does not hold.
+    /// The name is not in the model or leads out of the folder, or the format cannot store a depth.
     pub fn encode(
         &self,
         name: &str,
@@ -363,7 +362,8 @@ impl Workspace {
         })
     }
 
-    /// Writes the depth of an image, and links `image` into the workspace, or copies it where the file system has no links.
+    /// Writes the depth of an image, and links `image` into the workspace, or copies it if the file system does not support
+    /// links.
     /// Existing files are replaced only by equal ones, unless `replace` is set.
     ///
     /// # Errors
@@ -408,11 +408,11 @@ impl Workspace {
             .try_for_each(|(path, bytes)| write_atomically(path, |out| out.write_all(bytes)))
     }
 
-    /// Writes the files that list the images with depth, and copies the sparse model. What it writes depends only on the
-    /// model and on the images in the workspace, so it may be called again after more images.
+    /// Writes the files that list the images with depth, and copies the sparse model. The result depends only on the model
+    /// and on the images in the workspace, so this may be called again after more images.
     ///
     /// # Errors
-    /// Files that cannot be read or written.
+    /// Files cannot be read or written.
     pub fn finish(&self) -> Result<WorkspaceImages> {
         let views: Vec<&PosedView> = self
             .views
@@ -454,7 +454,7 @@ impl Workspace {
         Ok(images)
     }
 
-    /// Where the depth of an image is stored, below the folder.
+    /// Returns the paths of the depth files of an image, below the folder.
     fn paths(&self, name: &str) -> impl Iterator<Item = PathBuf> + use<> {
         let paths = match self.coding {
             Coding::Colmap => colmap::PATHS
@@ -470,7 +470,7 @@ impl Workspace {
         self.folder.join(IMAGES).join(&self.views[view].name)
     }
 
-    /// Copies the files of the sparse model, in both forms, and of rigs and frames if there are any.
+    /// Copies the files of the sparse model in both forms, including rigs and frames if they exist.
     fn copy_model(&self, below: &str) -> Result<()> {
         let folder = self.folder.join(below);
         std::fs::create_dir_all(&folder).map_err(|e| Error::write(&folder, e))?;
@@ -488,7 +488,7 @@ impl Workspace {
     }
 }
 
-/// The camera of an image, if the program can use it, or why it cannot.
+/// Returns the camera of an image, or why the program cannot use it.
 fn usable(format: WorkspaceFormat, camera: Option<&Camera>) -> std::result::Result<Camera, String> {
     let camera = camera.ok_or("its model is not supported")?;
     let lens = camera.optics().lens();
@@ -502,7 +502,7 @@ fn usable(format: WorkspaceFormat, camera: Option<&Camera>) -> std::result::Resu
     Err(format!("it has distortion ({})", lens.name()))
 }
 
-/// Whether two images would share a depth file, because their names differ only in their endings.
+/// Returns an error if two images would share a depth file, because their names differ only in their extensions.
 fn check_stems(views: &[View]) -> std::result::Result<(), String> {
     let mut stems = HashSet::new();
     let mut names = views.iter().map(|view| view.name.as_str());
@@ -515,7 +515,7 @@ fn check_stems(views: &[View]) -> std::result::Result<(), String> {
     }
 }
 
-/// A name without its ending.
+/// Returns a name without its extension.
 fn stem(name: &str) -> &str {
     match name.rsplit_once('.') {
         Some((stem, ending)) if !ending.contains('/') => stem,
@@ -523,15 +523,15 @@ fn stem(name: &str) -> &str {
     }
 }
 
-/// `folder/name` with something appended.
+/// Returns `folder/name` with a suffix.
 fn ended(folder: &str, name: &str, end: &str) -> PathBuf {
     let mut path: OsString = Path::new(folder).join(name).into();
     path.push(end);
     path.into()
 }
 
-/// The nearest and the farthest depth that the images of a model see, in its unit. The nearest is that of the hundredth part
-/// of the points of an image that are nearest to it, because single points of a model are often far too near.
+/// Returns the nearest and the farthest depth of the images of a model, in its unit. The nearest is the first percentile of
+/// an image, because single points of a model are often far too near.
 fn depth_range(views: &[View]) -> Option<[f64; 2]> {
     const SHARE: usize = 100;
     let mut range: Option<[f64; 2]> = None;

@@ -1,10 +1,11 @@
-//! nerfstudio's `transforms.json`, and the depth maps that it names.
+//! The `transforms.json` of nerfstudio, and its depth maps.
 //!
-//! Its loader multiplies depths by `depth_unit_scale_factor`, 0.001 unless another is given, for 16-bit PNG and for npy alike
-//! (`get_depth_image_from_path`), so depths are stored in thousandths of the unit of the model. 0 is no depth.
+//! Its loader multiplies depths by `depth_unit_scale_factor`, 0.001 by default, for 16-bit PNG and for npy alike
+//! (`get_depth_image_from_path`), so depths are stored in thousandths of the unit of the model. 0 means no depth.
 //!
-//! Depths are along the optical axis, except of fisheye lenses. nerfstudio compares depths times `directions_norm` with distances
-//! along its rays: the length of (x, y, 1) for perspective cameras, but 1 for fisheye ones (`Cameras._generate_rays_from_coords`).
+//! Depths are along the optical axis, except for fisheye lenses. nerfstudio compares depths times `directions_norm` with
+//! distances along its rays: the length of (x, y, 1) for perspective cameras, but 1 for fisheye ones
+//! (`Cameras._generate_rays_from_coords`).
 
 use crate::camera::Camera;
 use crate::depth_kind::length_of_ray;
@@ -21,13 +22,13 @@ pub(super) const FOLDER: &str = "depths";
 
 pub(super) const TRANSFORMS: &str = "transforms.json";
 
-/// The reciprocal of `depth_unit_scale_factor`.
+/// Reciprocal of `depth_unit_scale_factor`.
 const PER_UNIT: f64 = 1000.0;
 
-/// The farthest depth in a PNG.
+/// Farthest depth in a PNG.
 const LARGEST: f32 = (u16::MAX as f64 / PER_UNIT) as f32;
 
-/// How the depths of all images are stored.
+/// Storage format of the depths of all images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DepthFormat {
     /// Thousandths as 16-bit integers.
@@ -37,8 +38,8 @@ pub(super) enum DepthFormat {
 }
 
 impl DepthFormat {
-    /// PNG if its steps suit the depths of a model: points are at least 0.5 units away, and four times the farthest fits into
-    /// 16 bits. Models are of arbitrary scale, so many need floats.
+    /// Chooses PNG if its resolution suits the depths of a model: points are at least 0.5 units away, and four times the
+    /// farthest depth fits in 16 bits. Models have an arbitrary scale, so many need floats.
     pub(super) fn of_range(range: Option<[f64; 2]>) -> Self {
         const NEAREST: f64 = 0.5;
         const MARGIN: f64 = 4.0;
@@ -59,8 +60,8 @@ impl DepthFormat {
         }
     }
 
-    /// The file of a depth map. Returns also how many pixels are nearer than half a step of a PNG, and farther than it holds:
-    /// they have the nearest and the farthest depth that it holds.
+    /// Encodes a depth map. Also returns how many pixels are nearer than half a step of a PNG, and farther than it can
+    /// store; they are clamped to the nearest and the farthest depth.
     pub(super) fn encode(self, depth: &DepthMap) -> Result<(Vec<u8>, [usize; 2])> {
         let (width, height) = (depth.width(), depth.height());
         let values = depth.values().iter();
@@ -82,7 +83,7 @@ impl DepthFormat {
     }
 }
 
-/// Whether nerfstudio has the distortion of a lens: it has no rational radial distortion (k4 to k6 of `OpenCV`).
+/// Whether nerfstudio supports the distortion of a lens: it has no rational radial distortion (k4 to k6 of `OpenCV`).
 pub(super) fn is_usable(lens: &Lens) -> bool {
     match lens {
         Lens::Pinhole | Lens::Fisheye { .. } => true,
@@ -91,8 +92,8 @@ pub(super) fn is_usable(lens: &Lens) -> bool {
     }
 }
 
-/// The distances along the rays of a fisheye lens; nothing for other lenses, which keep depths along the axis. Pixels that the
-/// lens does not see have no depth.
+/// Returns the distances along the rays of a fisheye lens; `None` for other lenses, which keep depths along the axis.
+/// Pixels without a ray have no depth.
 pub(super) fn along_rays(depth: &DepthMap, camera: &Camera) -> Result<Option<DepthMap>> {
     if !matches!(camera.optics().lens(), Lens::Fisheye { .. }) {
         return Ok(None);
@@ -108,7 +109,7 @@ pub(super) fn along_rays(depth: &DepthMap, camera: &Camera) -> Result<Option<Dep
     Ok(Some(DepthMap::new(width, height, values)?))
 }
 
-/// Whether fisheye lenses are beside others: nerfstudio has one lens model for all images.
+/// Whether there are both fisheye and other lenses: nerfstudio has one lens model for all images.
 pub(super) fn is_mixed<'a>(lenses: impl Iterator<Item = &'a Lens>) -> bool {
     let kinds: HashSet<bool> = lenses
         .map(|lens| matches!(lens, Lens::Fisheye { .. }))
@@ -116,7 +117,7 @@ pub(super) fn is_mixed<'a>(lenses: impl Iterator<Item = &'a Lens>) -> bool {
     kinds.len() > 1
 }
 
-/// An image with its depth, by paths below the folder of the workspace.
+/// An image with its depth; paths are relative to the folder of the workspace.
 pub(super) struct Image<'a> {
     pub(super) file: String,
     pub(super) depth: PathBuf,
@@ -144,7 +145,8 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// `transforms.json`: camera poses in the world of the model, with the axes of OpenGL (x to the right, y up, z backwards).
+/// Returns `transforms.json`: camera poses in the world of the model, with the axes of OpenGL (x to the right, y up, z
+/// backwards).
 pub(super) fn transforms<'a>(images: impl Iterator<Item = Image<'a>>) -> String {
     let mut is_fisheye = false;
     let frames: Vec<Frame> = images
@@ -153,7 +155,7 @@ pub(super) fn transforms<'a>(images: impl Iterator<Item = Image<'a>>) -> String 
             frame(image)
         })
         .collect();
-    // nerfstudio reads it only here, for all frames.
+    // nerfstudio reads the camera model only here, for all frames.
     let camera_model = if is_fisheye {
         "OPENCV_FISHEYE"
     } else {
@@ -184,7 +186,7 @@ fn frame(image: Image<'_>) -> Frame {
         h: image.size.1,
         fl_x,
         fl_y,
-        // Its first pixel has its centre at 0.5.
+        // In nerfstudio the centre of the first pixel is at 0.5.
         cx: cx + 0.5,
         cy: cy + 0.5,
         k1,
@@ -219,7 +221,7 @@ mod tests {
     use super::*;
     use serde_json::Value;
 
-    /// A camera at (1, 2, 3) that looks along x of the world, with z of the world up.
+    /// A camera at (1, 2, 3) that looks along the world's x axis; the world's z axis is up.
     #[test]
     fn frames_have_the_axes_of_opengl() {
         let rotation = [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]];

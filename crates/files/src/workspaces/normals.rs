@@ -2,17 +2,17 @@
 
 use lsdc_core::DepthMap;
 
-/// Inverse depths whose slopes on both sides of a pixel differ by less than this share of their value per pixel belong to one
-/// surface.
+/// Tolerance for inverse depths of one surface: the slopes on both sides of a pixel differ by less than this share of their
+/// value per pixel.
 const SAME_SURFACE: f64 = 0.01;
 
-/// Returns the unit normals of a depth map that a pinhole camera `[fx, fy, cx, cy]` sees, in camera coordinates (x to the
-/// right, y down, z forwards), facing the camera; row by row, `None` where there is no depth, or no neighbour with depth in
-/// the row or in the column.
+/// Returns the unit normals of a depth map seen by a pinhole camera `[fx, fy, cx, cy]`, in camera coordinates (x to the
+/// right, y down, z forwards), facing the camera; row by row, `None` for pixels without depth, or without a neighbour with
+/// depth in the row or in the column.
 ///
 /// On the plane n·X = d, inverse depth is n·(x, y, 1) / d: linear in the image coordinates x, y in focal lengths. Hence its
-/// slopes a and b and its value w give the normal (a, b, w - a x - b y), which is exact on planes. At a depth edge, the slope
-/// towards the more similar neighbour counts.
+/// slopes a and b and its value w give the normal (a, b, w - a x - b y), which is exact on planes. At a depth edge, the
+/// slope towards the more similar neighbour is used.
 pub(super) fn normals(depth: &DepthMap, [fx, fy, cx, cy]: [f64; 4]) -> Vec<Option<[f64; 3]>> {
     let (width, height) = (depth.width(), depth.height());
     let inverse = |x: usize, y: usize| {
@@ -34,7 +34,7 @@ pub(super) fn normals(depth: &DepthMap, [fx, fy, cx, cy]: [f64; 4]) -> Vec<Optio
         )?;
         let (a, b) = (across * fx, down * fy);
         let [u, v] = [(x as f64 - cx) / fx, (y as f64 - cy) / fy];
-        // This vector has a positive product with the ray (u, v, 1): its opposite faces the camera.
+        // This vector has a positive dot product with the ray (u, v, 1): its negative faces the camera.
         let away = [a, b, own - a * u - b * v];
         let length = away.iter().map(|v| v * v).sum::<f64>().sqrt();
         (length.is_normal()).then(|| away.map(|v| -v / length))
@@ -43,7 +43,7 @@ pub(super) fn normals(depth: &DepthMap, [fx, fy, cx, cy]: [f64; 4]) -> Vec<Optio
     pixels.map(|(x, y)| normal(x, y)).collect()
 }
 
-/// The slope of inverse depth per pixel.
+/// Returns the slope of inverse depth per pixel.
 fn slope(own: f64, before: Option<f64>, after: Option<f64>) -> Option<f64> {
     let (before, after) = (before.map(|v| own - v), after.map(|v| v - own));
     match (before, after) {
@@ -77,7 +77,7 @@ mod tests {
         dot.min(1.0).acos().to_degrees()
     }
 
-    /// The inverse of the normal in the equation of the plane, as it faces the camera.
+    /// The expected normal is the negative of n, so that it faces the camera.
     #[test]
     fn planes_have_their_normals_at_every_pixel() {
         for (n, d) in [
@@ -116,7 +116,7 @@ mod tests {
     fn pixels_without_neighbours_have_none() {
         let found = normals(&map(|x, y| f64::from((x, y) == (7, 9))), CAMERA);
         assert!(found.iter().all(Option::is_none));
-        // A row has no slope down.
+        // A single row has no vertical slope.
         let found = normals(&map(|_, y| f64::from(y == 9)), CAMERA);
         assert!(found.iter().all(Option::is_none));
     }

@@ -1,24 +1,24 @@
 //! Inverse depths of 3-D Gaussian splatting as published: a 16-bit PNG for each image, and `depth_params.json`.
 //!
 //! Its loader computes inverse depth = value / 65536 x scale + offset (`utils/camera_utils.py`, `scene/cameras.py`), and
-//! leaves out images whose scale is not between a fifth and five times the median. Hence all images have the same scale
-//! here, and the offset is 0.
+//! skips images whose scale is not between a fifth and five times the median. Hence all images have the same scale here,
+//! and the offset is 0.
 
 use crate::error::Result;
 use crate::files::encode_grey16;
 use lsdc_core::DepthMap;
 use serde_json::{Map, Value, json};
 
-/// The folder for `-d`, beside `images`.
+/// Folder for `-d`, next to `images`.
 pub(super) const FOLDER: &str = "depths";
 
 pub(super) const PARAMETERS: &str = "sparse/0/depth_params.json";
 
-/// The loader divides by this, although the largest value is one less.
+/// Divisor of the loader, although the largest value is one less.
 const STEPS: f64 = 65536.0;
 
-/// How many times nearer than the nearest points of the model a depth may be. Steps of inverse depth are 6e-5 of that of the
-/// nearest points.
+/// How many times nearer than the nearest points of the model a depth may be. The resolution of inverse depth is 6e-5 of
+/// that of the nearest points.
 const MARGIN: f64 = 4.0;
 
 /// Inverse depth = value / 65536 x `scale`, in units of the model.
@@ -28,15 +28,15 @@ pub(super) struct InverseDepth {
 }
 
 impl InverseDepth {
-    /// For a model whose points are at least at this depth.
+    /// Creates the coding for a model whose points are at least at this depth.
     pub(super) fn of_nearest(nearest: f64) -> Self {
         Self {
             scale: MARGIN / nearest,
         }
     }
 
-    /// The values of a depth map, row by row; 0 where there is no depth. Returns also how many pixels are nearer than the
-    /// largest value, and farther than half of the least: they have these values.
+    /// Encodes a depth map, row by row; 0 means no depth. Also returns how many pixels are nearer than the largest value,
+    /// and farther than half of the smallest; they are clamped to these values.
     pub(super) fn encode(self, depth: &DepthMap) -> (Vec<u16>, [usize; 2]) {
         let (mut nearest, mut farthest) = (0, 0);
         let value = |&depth: &f32| {
@@ -52,13 +52,13 @@ impl InverseDepth {
         (values, [nearest, farthest])
     }
 
-    /// The file of these values.
+    /// Returns the PNG file of these values.
     pub(super) fn png(self, depth: &DepthMap, values: &[u16]) -> Result<Vec<u8>> {
         let text = ("Inverse depth", format!("value / {STEPS} x {}", self.scale));
         encode_grey16((depth.width(), depth.height()), values, text)
     }
 
-    /// `depth_params.json` for images of these names without their endings.
+    /// Returns `depth_params.json` for images of these names without their extensions.
     pub(super) fn parameters<'a>(self, stems: impl Iterator<Item = &'a str>) -> String {
         let entry = json!({"scale": self.scale, "offset": 0.0});
         let entries: Map<String, Value> =
@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(counts, [0, 0]);
         let text = code.parameters(["a/b", "c"].into_iter());
         let parameters: Value = serde_json::from_str(&text).unwrap();
-        // A step of the code is 8 / 65536.
+        // One step of the coding is 8 / 65536.
         for name in ["a/b", "c"] {
             let found = decoded(&values, &parameters[name]);
             assert_eq!(found[0], 0.0);

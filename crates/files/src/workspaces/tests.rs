@@ -3,7 +3,7 @@ use crate::Orientation;
 use image::RgbImage;
 use serde_json::Value;
 
-/// Two images of 4x3 pixels, the second turned by its EXIF record; their cameras have the model and parameters given.
+/// Two images of 4x3 pixels, the second rotated by its EXIF record; the model and parameters of their cameras are given.
 const IMAGES_TXT: &str = "\
     1 1 0 0 0 0 0 0 1 a.png\n1 1 1 3 2 2\n\
     2 1 0 0 0 -1 0 0 1 b/c.png\n2 2 1\n";
@@ -123,7 +123,7 @@ fn nothing_else_is_replaced_unasked() {
         workspace.create(true).unwrap();
         workspace.create(false).unwrap();
         scene.add(&workspace, "a.png", &depth(2.0), false).unwrap();
-        // The same again is no obstacle, other depths are.
+        // Equal files may be written again, other depths may not.
         scene.add(&workspace, "a.png", &depth(2.0), false).unwrap();
         let error = scene.add(&workspace, "a.png", &depth(3.0), false);
         assert!(error.unwrap_err().to_string().ends_with("exists"), "{tool}");
@@ -159,8 +159,8 @@ fn no_depth_stays_none() {
     }
 }
 
-/// nerfstudio's rays of fisheye lenses have length 1: its depths are distances along them. Of an equidistant lens a pixel r beside
-/// the centre sees at r / f radians from the axis.
+/// nerfstudio's rays of fisheye lenses have length 1, so its depths are distances along them. In an equidistant lens, a
+/// pixel at a distance r from the centre has a ray at r / f radians from the axis.
 #[test]
 fn depths_of_fisheye_lenses_are_distances() {
     let scene = Scene::new("OPENCV_FISHEYE 4 3 5 5 2 1.5 0 0 0 0", IMAGES_TXT);
@@ -185,7 +185,7 @@ fn depths_of_fisheye_lenses_are_distances() {
 #[test]
 fn maps_are_turned_back_to_the_stored_pixels() {
     let scene = Scene::pinhole();
-    // Stored 4x3, shown 3x4, turned by a quarter to the right.
+    // Stored 4x3, upright 3x4, rotated by 90 degrees clockwise.
     let orientation = Orientation::new((4, 3), 6);
     let camera = scene.model.views[0].camera_of(&orientation, None).unwrap();
     let stored: Vec<f32> = (1..=12).map(|v| v as f32).collect();

@@ -1,4 +1,4 @@
-//! MCAP (<https://mcap.dev/spec>): records one after the other, most of them in chunks.
+//! MCAP (<https://mcap.dev/spec>): a sequence of records, most of them in chunks.
 
 use super::record::{Channel, ChunkHeader, MessageRecord, Schema, summary_start};
 use super::{Container, Defects, LARGEST, Message, MessageLocation, Topic, Visitor, decompressed};
@@ -11,15 +11,15 @@ use std::io::{BufReader, Read as _, Seek as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// An operation code and a length come before each record.
+/// Bytes of the operation code and the length before each record.
 const HEAD: u64 = 9;
-/// At most so much comes before the compressed records of a chunk: numbers, and the name of a compression.
+/// Largest size of the fields before the compressed records of a chunk: numbers, and the name of a compression.
 const CHUNK_HEAD: u64 = 128;
-/// The last record, and the magic bytes after it.
+/// Size of the last record and the magic bytes after it.
 const FOOTER: u64 = HEAD + 20 + 8;
-/// Outside of any chunk.
+/// Value of [`MessageLocation::within`] for messages outside of any chunk.
 const OUTSIDE_CHUNKS: u64 = u64::MAX;
-/// Chunks that are kept: image and points of a frame are in different ones where topics were recorded by turns.
+/// Number of cached chunks. Image and points of a frame are in different chunks if topics were recorded in turns.
 const CACHED_CHUNKS: usize = 3;
 
 /// An MCAP file.
@@ -28,15 +28,15 @@ pub(crate) struct Mcap {
     file: BufReader<File>,
     size: u64,
     channels: Channels,
-    /// Whether the file has an end.
+    /// Whether the file is complete, with its footer.
     ended: bool,
-    /// Whether the channels of the whole file are known, so that chunks can be passed over.
+    /// Whether the channels of the whole file are known, so that chunks can be skipped.
     summarised: bool,
     /// The last chunks that were read, the latest first.
     chunks: Vec<(u64, Arc<Vec<u8>>)>,
 }
 
-/// Channels and schemas by their numbers.
+/// Channels and schemas by their identifiers.
 #[derive(Default)]
 struct Channels {
     schemas: HashMap<u16, Schema>,
@@ -44,7 +44,7 @@ struct Channels {
 }
 
 impl Channels {
-    /// Takes in what a record says of them, if it can be read; the first that is said of a number stands.
+    /// Adds the schema or channel of a record, if it can be read. The first one with an identifier is kept.
     fn add(&mut self, code: u8, body: &[u8]) -> Option<()> {
         if code == op::SCHEMA {
             let schema = Schema::read(body)?;
@@ -88,7 +88,7 @@ impl Mcap {
         Ok(found)
     }
 
-    /// Where the summary begins, if the file has an end.
+    /// Returns the start of the summary, if the file is complete and has one.
     fn summary(&mut self) -> Result<Option<u64>> {
         let Some(at) = self.footer() else {
             return Ok(None);
@@ -106,7 +106,7 @@ impl Mcap {
             .filter(|at| *at >= MAGIC.len() as u64)
     }
 
-    /// The channels that the summary lists. A damaged one is none.
+    /// Reads the channels that the summary lists. A damaged summary is ignored.
     fn read_summary(&mut self, start: u64) -> Result<()> {
         let end = self.footer().unwrap_or(0);
         let mut at = start;
@@ -126,7 +126,7 @@ impl Mcap {
         Ok(())
     }
 
-    /// The operation code and the length of the record at a byte; nothing if the file ends before it does.
+    /// Reads the operation code and the length of the record at a byte; `None` if the file ends before the record does.
     fn head(&mut self, at: u64) -> Result<Option<(u8, u64)>> {
         let left = self.size.saturating_sub(at);
         if left < HEAD {
@@ -138,12 +138,12 @@ impl Mcap {
         Ok((length <= left - HEAD).then_some((code, length)))
     }
 
-    /// Bytes that the file has.
+    /// Reads bytes inside the file.
     fn bytes(&mut self, at: u64, length: u64) -> Result<Vec<u8>> {
         let mut bytes = vec![0; length as usize];
         let here = self.file.stream_position();
         let read = here.and_then(|here| {
-            // Keeps what is buffered, unlike a plain seek.
+            // Unlike a plain seek, this keeps the buffer.
             self.file.seek_relative(at as i64 - here as i64)?;
             self.file.read_exact(&mut bytes)
         });
@@ -151,7 +151,7 @@ impl Mcap {
         Ok(bytes)
     }
 
-    /// Whether a chunk that ends at `end` holds messages of a topic that is wanted, as far as the records behind it say.
+    /// Whether a chunk that ends at `end` may contain messages of a selected topic, by the index records after it.
     fn may_contain(&mut self, end: u64, is_selected: &dyn Fn(&Topic) -> bool) -> Result<bool> {
         if !self.summarised {
             return Ok(true);
@@ -170,7 +170,7 @@ impl Mcap {
         Ok(!indexed)
     }
 
-    /// The records of a chunk at a byte, whose body is so long; or what is wrong with it.
+    /// Reads the records of the chunk at a byte, with a body of `length` bytes; the inner error describes the damage.
     fn chunk(&mut self, at: u64, length: u64) -> Result<std::result::Result<Vec<u8>, String>> {
         let start = at + HEAD;
         let unreadable = |what: &str| Ok(Err(format!("the chunk at byte {at} {what}")));
@@ -280,7 +280,7 @@ impl Mcap {
         each(topic, &message)
     }
 
-    /// The records of a chunk, of those that were read last, or read again.
+    /// Returns the records of a chunk from the cache, or reads them again.
     fn cached_chunk(&mut self, at: u64) -> Result<Arc<Vec<u8>>> {
         if let Some(i) = self.chunks.iter().position(|(location, _)| *location == at) {
             let found = self.chunks.remove(i);
@@ -376,7 +376,7 @@ impl Container for Mcap {
     }
 }
 
-/// The operation code and the body of the record at a place among others.
+/// Returns the operation code and the body of the record at an offset.
 fn record(records: &[u8], at: usize) -> Option<(u8, &[u8])> {
     let (head, rest) = records.get(at..)?.split_at_checked(HEAD as usize)?;
     let (code, length) = head.split_first()?;
@@ -384,7 +384,7 @@ fn record(records: &[u8], at: usize) -> Option<(u8, &[u8])> {
     Some((*code, rest.get(..usize::try_from(length).ok()?)?))
 }
 
-/// Whether a chunk of so many bytes can unfold to so many; damaged ones promise much more.
+/// Whether a chunk of this size can decompress to that size; damaged ones claim much more.
 fn is_plausible(decompressed: u64, length: u64) -> bool {
     decompressed <= LARGEST.min((32 << 20).max(length.saturating_mul(1100)))
 }

@@ -1,4 +1,4 @@
-//! Files of recordings: one container a file.
+//! Files of recordings: one container format per file.
 
 mod mcap;
 mod record;
@@ -14,36 +14,36 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// No message, and no chunk of messages, is larger.
+/// Size limit of a message, and of a chunk of messages, in bytes.
 const LARGEST: u64 = 1 << 30;
 
 /// A topic of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Topic {
-    /// As in `/camera/image_raw`.
+    /// Name, as in `/camera/image_raw`.
     pub name: String,
-    /// The type of its messages, as in `sensor_msgs/msg/Image`.
+    /// Type of its messages, as in `sensor_msgs/msg/Image`.
     pub kind: String,
-    /// What messages are written in: `cdr` in ROS 2.
+    /// Encoding of its messages: `cdr` in ROS 2.
     pub encoding: String,
-    /// What the type is made of, where the recording says it: the language of the text, and the text.
+    /// Definition of the type, if it is recorded: its language and its text.
     pub definition: Option<(String, Vec<u8>)>,
-    /// What else is known of it, such as its quality of service.
+    /// Further metadata, such as the quality of service.
     pub metadata: BTreeMap<String, String>,
 }
 
-/// The location of a message, in the order of the recording.
+/// The location of a message. Locations are ordered as in the recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct MessageLocation {
-    /// The number of the file.
+    /// Index of the file.
     pub(crate) file: usize,
-    /// In that file: a byte, or the number of a row.
+    /// Position in the file: a byte, or the number of a row.
     pub(crate) at: u64,
-    /// In the chunk that is there, if it is one.
+    /// Offset in the chunk at this position, if it is a chunk.
     pub(crate) within: u64,
 }
 
-/// When a message is recorded and published, in nanoseconds.
+/// When a message was recorded and published, in nanoseconds.
 #[derive(Clone, Copy, Debug)]
 pub struct MessageTimes {
     /// When it was recorded.
@@ -55,26 +55,26 @@ pub struct MessageTimes {
 /// A message as it is stored.
 #[derive(Clone, Copy, Debug)]
 pub struct Message<'a> {
-    /// Where it is.
+    /// Location in the recording.
     pub location: MessageLocation,
     /// When it was recorded and published.
     pub times: MessageTimes,
-    /// Its number among those of the topic, or 0.
+    /// Sequence number within the topic, or 0.
     pub sequence: u32,
-    /// In the encoding of the topic.
+    /// Bytes in the encoding of the topic.
     pub data: &'a [u8],
 }
 
 /// The defects of a file that was read to its end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Defects {
-    /// Where and how the file is cut off, if it is.
+    /// Where and how the file is truncated, if it is.
     pub truncated: Option<String>,
-    /// Parts that cannot be read.
+    /// Number of parts that cannot be read.
     pub damaged: usize,
-    /// What is wrong with the first of them.
+    /// Description of the first damage.
     pub first_damage: Option<String>,
-    /// Files that belong to the recording and are not there.
+    /// Files of the recording that are missing.
     pub missing_files: Vec<String>,
 }
 
@@ -84,7 +84,7 @@ impl Defects {
         self.first_damage.get_or_insert(what);
     }
 
-    /// A warning for each kind of defect.
+    /// Returns a warning for each kind of defect.
     pub fn lines(&self) -> impl Iterator<Item = String> {
         let truncated = self
             .truncated
@@ -112,16 +112,16 @@ impl Defects {
     }
 }
 
-/// Visits a message.
+/// Callback for each message.
 pub(crate) type Visitor<'a> = dyn FnMut(&Arc<Topic>, &Message<'_>) -> Result<()> + 'a;
 
-/// A file of messages, which is never held whole.
+/// A file of messages, which is never loaded whole.
 pub(crate) trait Container: Send {
-    /// The topics that are known before any message is read: all, or none where the end of the file is missing.
+    /// Returns the topics that are known before any message is read: all, or none if the end of the file is missing.
     fn topics(&self) -> Vec<Arc<Topic>>;
 
-    /// Visits the messages of some topics in the order of the file; those of other topics may be skipped unread. `file`
-    /// is the number of this file in [`MessageLocation`]s.
+    /// Visits the messages of the selected topics in the order of the file; other messages may be skipped unread. `file` is
+    /// the index of this file in [`MessageLocation`]s.
     fn visit(
         &mut self,
         file: usize,
@@ -133,10 +133,10 @@ pub(crate) trait Container: Send {
     fn read(&mut self, location: MessageLocation) -> Result<Vec<u8>>;
 }
 
-/// How messages begin that rosbag2 compressed each by itself (`compression_mode: message`); cdr begins with a zero.
+/// Magic bytes of messages that rosbag2 compressed one by one (`compression_mode: message`); CDR starts with a zero.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// A message as it was before it was compressed, if it was.
+/// Returns a message, decompressed if necessary.
 fn decompressed(data: &[u8]) -> std::result::Result<Cow<'_, [u8]>, &'static str> {
     if !data.starts_with(&ZSTD) {
         return Ok(data.into());

@@ -1,9 +1,9 @@
-//! The records of MCAP that are read. What is damaged is no record, and takes no more memory than it has bytes.
+//! The supported records of MCAP. Damaged records read as `None`, and never allocate more memory than they have bytes.
 
 use super::MessageTimes;
 use std::collections::BTreeMap;
 
-/// A type of messages.
+/// A message type.
 pub(super) struct Schema {
     pub(super) id: u16,
     pub(super) name: String,
@@ -11,7 +11,7 @@ pub(super) struct Schema {
     pub(super) text: Vec<u8>,
 }
 
-/// A topic by a number.
+/// A topic with an identifier.
 pub(super) struct Channel {
     pub(super) id: u16,
     pub(super) schema: u16,
@@ -28,14 +28,14 @@ pub(super) struct MessageRecord<'a> {
     pub(super) data: &'a [u8],
 }
 
-/// What comes before the compressed records of a chunk.
+/// The fields before the compressed records of a chunk.
 pub(super) struct ChunkHeader {
     pub(super) decompressed_size: u64,
     pub(super) crc: u32,
     pub(super) compression: String,
-    /// How many bytes follow.
+    /// Size of the compressed records.
     pub(super) compressed_size: u64,
-    /// How long this head is.
+    /// Size of these fields.
     pub(super) length: u64,
 }
 
@@ -80,7 +80,7 @@ impl<'a> MessageRecord<'a> {
 }
 
 impl ChunkHeader {
-    /// From the beginning of the body.
+    /// Reads the start of the body of a chunk.
     pub(super) fn read(body: &[u8]) -> Option<Self> {
         let mut fields = Fields(body);
         let _times = (fields.u64()?, fields.u64()?);
@@ -94,12 +94,12 @@ impl ChunkHeader {
     }
 }
 
-/// Where the summary begins, of the body of a footer; 0 if there is none.
+/// Returns the start of the summary from the body of a footer; 0 if there is none.
 pub(super) fn summary_start(body: &[u8]) -> Option<u64> {
     Fields(body).u64()
 }
 
-/// The fields of a record that are left: numbers with their low bytes first, the rest after its length.
+/// The remaining fields of a record: little-endian numbers, and other fields prefixed by their length.
 struct Fields<'a>(&'a [u8]);
 
 macro_rules! numbers {

@@ -18,7 +18,7 @@ pub(crate) struct Rosbag {
     path: PathBuf,
     database: Connection,
     topics: HashMap<i64, Arc<Topic>>,
-    /// How the file is shorter than it says, if it is.
+    /// How the file is shorter than its header states, if it is.
     truncated: Option<String>,
 }
 
@@ -40,7 +40,7 @@ impl Rosbag {
         Error::format(&self.path, "cannot be read as a bag").because(cause)
     }
 
-    /// Tables, not views, which could be anything.
+    /// Whether a table exists; views are excluded, since they could compute anything.
     fn has_table(&self, name: &str) -> Result<bool> {
         let query = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = ?1";
         let count = self.database.query_row(query, [name], |row| row.get(0));
@@ -64,7 +64,7 @@ impl Rosbag {
             definitions = HashMap::from_iter(found);
         }
         let plain = "SELECT id, name, type, serialization_format FROM topics";
-        // Bags of the first versions do not know of it.
+        // Bags of the first versions lack the quality of service.
         let full = "SELECT id, name, type, serialization_format, offered_qos_profiles FROM topics";
         let known = self.database.prepare(full).is_ok();
         let topics = self.rows(if known { full } else { plain }, |row| {
@@ -84,7 +84,7 @@ impl Rosbag {
         Ok(HashMap::from_iter(topics))
     }
 
-    /// All rows of a small table that are as they should be.
+    /// Returns all readable rows of a small table.
     fn rows<T>(
         &self,
         query: &str,
@@ -132,7 +132,7 @@ impl Container for Rosbag {
             let row = match rows.next() {
                 Ok(Some(row)) => row,
                 Ok(None) => return Ok(defects),
-                // Pages that are not there: so it ends here.
+                // The missing pages: the file ends here.
                 Err(_) if defects.truncated.is_some() => return Ok(defects),
                 Err(e) => {
                     defects
@@ -191,15 +191,15 @@ impl Container for Rosbag {
     }
 }
 
-/// Opens a database that may be damaged, or made to do harm, for reading alone.
+/// Opens a possibly damaged or malicious database, read-only.
 fn connect(path: &Path, is_cut: bool) -> Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let open = || {
         let database = Connection::open_with_flags(path, flags)?;
         database.set_limit(Limit::SQLITE_LIMIT_LENGTH, LARGEST as i32 - 1)?;
-        // Otherwise a database that is shorter than it says is not opened at all.
+        // Otherwise SQLite rejects a database that is shorter than its header states.
         database.pragma_update(None, "writable_schema", is_cut)?;
-        // Rows come one by one: little is read twice.
+        // Rows are read one by one, so that a small cache suffices.
         database.pragma_update(None, "cache_size", -4096)?;
         database.pragma_update(None, "mmap_size", 0)?;
         database.pragma_update(None, "trusted_schema", false)?;
@@ -209,7 +209,7 @@ fn connect(path: &Path, is_cut: bool) -> Result<Connection> {
     open().map_err(|e: rusqlite::Error| Error::format(path, "cannot be opened as a bag").because(e))
 }
 
-/// How much shorter a file is than its header says, if it is.
+/// Describes by how much a file is shorter than its header states, if it is.
 fn missing_pages(path: &Path) -> Result<Option<String>> {
     let read = || {
         let mut file = File::open(path)?;

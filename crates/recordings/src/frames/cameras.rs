@@ -1,4 +1,4 @@
-//! The cameras of a recording: of its images, and of its images of depths.
+//! The cameras of a recording: of its colour images and of its depth images.
 
 use crate::message::{StampedCamera, Timestamp, camera_of};
 use crate::rigid::Rigid;
@@ -7,19 +7,19 @@ use crate::transforms::Transforms;
 use lsdc_files::Camera;
 use lsdc_files::error::{Cause, Error};
 
-/// The cameras that a topic describes, by time, each once.
+/// The distinct cameras that a topic describes, by time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cameras {
-    /// Whether they are those of rectified images.
+    /// Whether the images are rectified.
     rectified: bool,
-    /// The frame of reference that the first of them names.
+    /// Frame of reference of the first camera.
     pub(super) frame: Option<String>,
     series: TimeSeries<StampedCamera>,
-    /// The last that was added.
+    /// The last camera that was added.
     last: Option<StampedCamera>,
-    /// Whether they are beside the origin of their frame by their baselines.
+    /// Whether the cameras are offset from the origin of their frame by their baselines.
     is_beside: bool,
-    /// How many messages describe none, and what is wrong with the first of them.
+    /// Number of messages that describe no camera; below, the error of the first.
     pub(super) unusable: usize,
     first_error: Option<String>,
 }
@@ -53,18 +53,18 @@ impl Cameras {
         true
     }
 
-    /// What is wrong with the first message that describes no camera.
+    /// Returns the error of the first message that describes no camera.
     pub(super) fn first_error(&self) -> Option<Error> {
         let what = self.first_error.as_ref()?;
         Some(Error::new(Cause::Format, what))
     }
 
-    /// Forgets all cameras but the last of a time. Those of a running robot change seldom.
+    /// Drops all but the last `most` cameras. Those of a running robot change seldom.
     pub(super) fn keep_last(&mut self, most: usize) {
         self.series.keep_last(most);
     }
 
-    /// Lets the last camera be valid at all times, for a clock that was set back.
+    /// Makes the last camera valid at all times, for a clock that was set back.
     pub(super) fn forget_times(&mut self) {
         let last = self.last.clone().map(|last| (Timestamp::MIN, last));
         self.series = TimeSeries::new(last.into_iter().collect());
@@ -74,12 +74,12 @@ impl Cameras {
         self.series.is_empty()
     }
 
-    /// The message of the camera that was valid at a time.
+    /// Returns the message of the camera that was valid at a time.
     pub(super) fn message(&self, stamp: Timestamp) -> Option<&[u8]> {
         Some(&self.series.valid(stamp)?.message)
     }
 
-    /// At its place in its frame, that which was valid at a time.
+    /// Returns the camera that was valid at a time, at its position in its frame.
     pub(super) fn at(&self, stamp: Timestamp) -> Option<Camera> {
         let StampedCamera {
             camera, baseline, ..
@@ -94,8 +94,8 @@ impl Cameras {
         })
     }
 
-    /// Places cameras of the topic that have a baseline: beside the origin of their frame, unless transforms place this
-    /// frame beside another one already. Returns what is to be said about it.
+    /// Offsets cameras with a baseline from the origin of their frame, unless the transforms already place this frame
+    /// beside that of the first camera. Returns remarks about it.
     pub(super) fn apply_baseline(
         &mut self,
         topic: &str,
@@ -126,14 +126,14 @@ impl Cameras {
     }
 }
 
-/// The frame that another one is beside by a baseline, if transforms say so.
+/// Returns the frame of the first camera of a stereo pair: the one from which `frame` is offset by the baseline.
 fn first_of_pair(
     tree: &Transforms,
     frame: &str,
     [x, y]: [f64; 2],
     stamp: Timestamp,
 ) -> Option<String> {
-    // Calibrations and drawings of a camera differ.
+    // Calibration and mechanical drawings of a camera differ slightly.
     let near = 0.1 * x.hypot(y) + 0.002;
     let is_beside = |other: &&str| {
         let route = tree.route(other, frame, None).ok()?;
@@ -152,10 +152,11 @@ fn first_of_pair(
         .map(str::to_owned)
 }
 
-/// How far apart a camera of depths and that of images see the same place, in pixels of the image: 0 where depths are
-/// registered. The largest of a grid of pixels, a metre away, that both see; infinite if there is none.
+/// Returns the registration error of a depth camera against the camera of the images, in pixels of the image: 0 if depths
+/// are registered. It is the largest over a grid of pixels at a depth of 1 m that both cameras see; infinite if there are
+/// none.
 pub(super) fn registration_error(depths: &Camera, images: &Camera) -> f64 {
-    /// Pixels of the grid, across and down.
+    /// Grid points across and down.
     const STEPS: usize = 9;
     let [.., cx, cy] = depths.intrinsics();
     let middle = [cx, cy].map(|centre| (2.0 * centre + 1.0).round().max(1.0) as usize);

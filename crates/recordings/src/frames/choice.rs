@@ -1,4 +1,4 @@
-//! Which topics hold what.
+//! Selection of the topics that frames are made of.
 
 use super::options::FrameOptions;
 use crate::message::MessageType::{
@@ -11,15 +11,15 @@ use std::sync::Arc;
 /// The topics that frames are made of.
 #[derive(Clone, Debug)]
 pub struct FrameTopics {
-    /// Of images: [`Image`](MessageType::Image) or [`CompressedImage`](MessageType::CompressedImage).
+    /// Topic of images: [`Image`](MessageType::Image) or [`CompressedImage`](MessageType::CompressedImage).
     pub image: (String, MessageType),
-    /// Of clouds, or of images of depths.
+    /// Topic of point clouds or depth images.
     pub points: (String, MessageType),
-    /// Of the camera of the images.
+    /// Topic of the camera of the images.
     pub camera_info: Option<String>,
-    /// Of the camera of images of depths.
+    /// Topic of the camera of the depth images.
     pub depth_info: Option<String>,
-    /// Of transforms. Those of a name that ends with `static` are valid at all times.
+    /// Topics of transforms. A topic whose name ends with `static` is valid at all times.
     pub tf: Vec<String>,
 }
 
@@ -89,7 +89,7 @@ impl FrameTopics {
         one.chain(some).chain(&self.tf).any(|topic| topic == name)
     }
 
-    /// Checks that the cameras are there that points in another frame need.
+    /// Checks that the cameras needed for points in another frame exist.
     pub(super) fn check_cameras(&self, no_camera: bool, no_depth_camera: bool) -> Result<()> {
         let missing = |what: &str, topic: &Option<String>| {
             let message = match topic {
@@ -110,7 +110,7 @@ impl FrameTopics {
     }
 }
 
-/// Whether the images of a topic are rectified, as `image_proc` calls them: `image_rect`, `image_rect_color`.
+/// Whether the images of a topic are rectified, by the names of `image_proc`: `image_rect`, `image_rect_color`.
 pub(super) fn is_rectified(topic: &str) -> bool {
     topic.split('/').any(|part| part.starts_with("image_rect"))
 }
@@ -122,7 +122,7 @@ struct TopicChooser {
 }
 
 impl TopicChooser {
-    /// Those of some types.
+    /// Returns the topics of some types.
     fn of<'a>(&'a self, types: &'a [MessageType]) -> impl Iterator<Item = &'a Arc<Topic>> {
         let is = |topic: &&Arc<Topic>| {
             MessageType::of(&topic.kind).is_some_and(|kind| types.contains(&kind))
@@ -130,7 +130,7 @@ impl TopicChooser {
         self.topics.iter().filter(is)
     }
 
-    /// The topic that an option names, or the only one of its usual types.
+    /// Returns the topic that an option names, or the only topic of the default types.
     fn pick(
         &self,
         option: &str,
@@ -157,7 +157,7 @@ impl TopicChooser {
             }
         };
         let Some(named) = named else {
-            // Images of depths are no images to complete.
+            // Depth images are not images to complete.
             let found = self
                 .of(default_types)
                 .filter(|topic| !topic.name.contains("epth"));
@@ -188,7 +188,7 @@ impl TopicChooser {
         })
     }
 
-    /// The camera of images: `camera_info` in the same place as their topic, or one above that.
+    /// Returns the camera topic of images: `camera_info` in the namespace of the images, or one level up.
     fn find_camera_info(&self, image: &str) -> Option<String> {
         let above = image.rsplit_once('/').map_or("", |(above, _)| above);
         let further = above.rsplit_once('/').map_or("", |(further, _)| further);
@@ -198,13 +198,13 @@ impl TopicChooser {
     }
 }
 
-/// What messages of ROS 2 are encoded in.
+/// Encoding of ROS 2 messages.
 const CDR: &str = "cdr";
-/// What to do about other encodings.
+/// Hint for other encodings.
 const ENCODED: &str = "messages of ROS 2 in cdr are read: convert recordings of ROS 1, as by rosbags-convert, and record json and protobuf \
                        (as of Foxglove) as sensor_msgs";
 
-/// The name and type of a topic, if it is one of these.
+/// Returns the name and type of a topic, if the type is one of `types`.
 fn check_type(topic: &Topic, types: &[MessageType]) -> Result<(String, MessageType)> {
     let Topic {
         name,

@@ -13,7 +13,7 @@ use lsdc_files::error::{Error, Result};
 use lsdc_files::{Camera, Sparse, Unit};
 use std::path::Path;
 
-/// The messages of a frame, as they are stored.
+/// The messages of a frame, as stored.
 pub struct FrameMessages {
     frame: SyncedFrame,
     /// The message of the image.
@@ -24,31 +24,31 @@ pub struct FrameMessages {
 
 /// A frame in memory.
 pub struct DecodedFrame {
-    /// Of the image.
+    /// Header of the image.
     pub header: Header,
     /// The image.
     pub image: RgbImage,
-    /// Its points, where the camera was when it took the image.
+    /// Points, as seen by the camera at the time of the image.
     pub points: Sparse,
-    /// Points that were left out, as it is not known when they were measured, or where the scanner was then.
+    /// Number of points left out because their time, or the pose of the scanner at that time, is unknown.
     pub unplaced: usize,
-    /// Whether all points count at the stamp of their cloud, though those of other clouds do at their own times: these are not
-    /// known here. A remark of the points says so.
+    /// Whether all points were taken at the stamp of their cloud although other clouds are deskewed, because times or poses
+    /// are missing here. A remark of the points reports it.
     pub skewed: bool,
-    /// The camera, at the origin unless it was given.
+    /// Camera, at the origin unless it was given.
     pub camera: Option<Camera>,
 }
 
 /// The points of a frame in memory, without its image.
 pub struct DecodedPoints {
-    /// The points, where the camera was when it took the image.
+    /// Points, as seen by the camera at the time of the image.
     pub points: Sparse,
-    /// Points that were left out, as it is not known when they were measured, or where the scanner was then.
+    /// Number of points left out because their time, or the pose of the scanner at that time, is unknown.
     pub unplaced: usize,
-    /// Whether all points count at the stamp of their cloud, though those of other clouds do at their own times: these are not
-    /// known here. A remark of the points says so.
+    /// Whether all points were taken at the stamp of their cloud although other clouds are deskewed, because times or poses
+    /// are missing here. A remark of the points reports it.
     pub skewed: bool,
-    /// The camera, at the origin unless it was given.
+    /// Camera, at the origin unless it was given.
     pub camera: Option<Camera>,
 }
 
@@ -56,7 +56,7 @@ impl Frames {
     /// Reads the messages of a frame.
     ///
     /// # Errors
-    /// A recording that cannot be read, or has changed.
+    /// The recording cannot be read, or has changed.
     pub fn read(&self, recording: &mut Recording, frame: &SyncedFrame) -> Result<FrameMessages> {
         Ok(FrameMessages {
             frame: frame.clone(),
@@ -67,7 +67,7 @@ impl Frames {
 }
 
 impl FrameMessages {
-    /// The camera before it is fitted to the image, and the motion from the points to it, as text.
+    /// Returns the camera before it is fitted to the image, and the transform from the points to it, as text.
     pub fn projection(&self, frames: &Frames) -> String {
         let (rig, times) = (&frames.rig, FrameTimes::from(&self.frame));
         let camera = rig.camera(times.image);
@@ -79,16 +79,16 @@ impl FrameMessages {
         format!("{camera:?} {depth_camera:?} {registered} {motion:?} {motions:?}")
     }
 
-    /// The frame that the messages hold.
+    /// Decodes the frame.
     ///
     /// # Errors
-    /// Damaged messages; a camera of images of another shape; no points in the image.
+    /// A message is damaged, the camera is of images of another shape, or no points are in the image.
     pub fn decode(&self, frames: &Frames) -> Result<DecodedFrame> {
         let messages = [self.image.as_slice(), self.points.as_slice()];
         frames.rig.decode(FrameTimes::from(&self.frame), messages)
     }
 
-    /// The points of the frame alone: of the image, only the size is read.
+    /// Decodes only the points of the frame; of the image, only the size is read.
     ///
     /// # Errors
     /// As for [`Self::decode`].
@@ -99,7 +99,7 @@ impl FrameMessages {
     }
 }
 
-/// When the image of a frame was taken, and its points were measured.
+/// Times of the image and of the points of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrameTimes {
     pub(super) image: Timestamp,
@@ -116,26 +116,26 @@ impl From<&SyncedFrame> for FrameTimes {
 }
 
 impl Rig {
-    /// From the points of a frame to its camera.
+    /// Returns the transform from the points of a frame to its camera.
     fn known_motion(&self, times: FrameTimes) -> Result<Rigid> {
         let moved = self.motion(times.points, times.image);
         moved.map_err(|gap| Error::config(gap.to_string()))
     }
 
-    /// The sweep of a cloud; none if its points count at its stamp, or have no times.
+    /// Returns the sweep of a cloud; `None` if its points have no times or all count at its stamp.
     pub(super) fn sweep(&self, stamp: Timestamp, cloud: &PointCloud<'_>) -> Option<Sweep> {
         Sweep::of(cloud, stamp, self.point_times.as_ref()?)
     }
 
-    /// From the points of a cloud to the camera of its frame, each at its own time; none if that is not wanted, or they
-    /// have no times.
+    /// Returns the transform from each point of a cloud, at its own time, to the camera of its frame; `None` if motion is
+    /// not compensated or points have no times.
     fn motions(&self, times: FrameTimes, cloud: &PointCloud<'_>) -> Option<PointMotions<'_>> {
         let route = self.route.as_ref()?;
         let sweep = self.sweep(times.points, cloud)?;
         Some(sweep.motions(&self.transforms, route, times.image))
     }
 
-    /// The pixels of an image of depths in the frame of its camera, and what is doubtful about that.
+    /// Back-projects a depth image into the frame of its camera, and returns warnings about it.
     fn in_space(
         &self,
         times: FrameTimes,
@@ -155,7 +155,7 @@ impl Rig {
         ))
     }
 
-    /// The frame that the messages of an image and its points hold.
+    /// Decodes the frame of an image message and a points message.
     ///
     /// # Errors
     /// As for [`FrameMessages::decode`].
@@ -188,7 +188,7 @@ impl Rig {
         })
     }
 
-    /// The points of a message in an image of this size, with these warnings and their own.
+    /// Returns the points of a message in an image of this size, with the given warnings and further ones.
     fn points_in(
         &self,
         times: FrameTimes,
@@ -265,7 +265,7 @@ impl Rig {
     }
 }
 
-/// What is doubtful about a camera, after the name of its topic.
+/// Returns the warnings of a camera, prefixed by the name of its topic.
 fn camera_warnings(topic: Option<&String>, camera: &Camera) -> Vec<String> {
     let labelled = |warning| match topic {
         Some(topic) => format!("`{topic}`: {warning}"),
@@ -274,17 +274,17 @@ fn camera_warnings(topic: Option<&String>, camera: &Camera) -> Vec<String> {
     camera.warnings().into_iter().map(labelled).collect()
 }
 
-/// Where a cloud is without what others have.
+/// Remark about a cloud that is not deskewed although others are.
 const SKEWED: &str = "the points have no times, or transforms do not reach there: all count at the stamp of their cloud, and motion \
                       within the turn is not taken away";
 
-/// What is doubtful about the messages of a topic.
+/// Prefixes a warning with the name of a topic.
 fn named(topic: &Path, warning: &dyn std::fmt::Display) -> String {
     format!("`{}`: {warning}", topic.display())
 }
 
-/// The points of a cloud where the camera sees them, and how many have no known place, unless that are all. Coordinates
-/// are stored in so many metres.
+/// Moves each point of a cloud to the camera, and counts the points that cannot be moved; `None` if that is all of them.
+/// `metres` is the unit of the stored coordinates.
 fn deskew(
     cloud: &PointCloud<'_>,
     motions: &PointMotions<'_>,
@@ -293,7 +293,7 @@ fn deskew(
     let (mut placed, mut unplaced) = (0_usize, 0);
     let positions = cloud.timed()?.filter_map(|(position, time)| {
         let position = position.map(|v| v * metres);
-        // What is no place is counted where it is projected.
+        // Non-finite points are counted at projection.
         if position.iter().any(|v| !v.is_finite()) {
             return Some(position);
         }

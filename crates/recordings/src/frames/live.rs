@@ -1,5 +1,5 @@
-//! The frames of a running robot: each image with the points nearest in time, as soon as these and the transforms of both are
-//! there.
+//! The frames of a running robot: each image with the points nearest in time, as soon as the points and the transforms of
+//! both have arrived.
 
 use super::choice::FrameTopics;
 use super::decoded::{DecodedFrame, FrameTimes};
@@ -16,36 +16,36 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Images that wait for points and transforms.
+/// Largest number of images that wait for points and transforms.
 const IMAGES: usize = 16;
-/// Clouds that are kept.
+/// Largest number of cached clouds.
 const CLOUDS: usize = 32;
-/// Bytes of images that wait, and of clouds that are kept: the newest of either is kept in any case.
+/// Largest size of waiting images, and of cached clouds, in bytes. The newest of each is always kept.
 const MOST_BYTES: usize = 512 << 20;
-/// Cameras of a topic that are kept.
+/// Largest number of cached cameras of a topic.
 const CAMERAS: usize = 16;
-/// Stamps that are kept of clouds and cameras.
+/// Largest number of cached stamps of clouds and cameras.
 const STAMPS: usize = 8;
-/// Nanoseconds of transforms that are kept, as by tf2.
+/// Duration of cached transforms in nanoseconds, as in tf2.
 const TRANSFORMS: u64 = 10_000_000_000;
-/// Stamps that go back by more nanoseconds are those of a clock that was set back, or of a recording that starts again. Less is
-/// the disorder of a network.
+/// Stamps that go back by more nanoseconds mean that a clock was set back, or a recording was restarted. Smaller steps are
+/// messages out of order.
 const JUMP: i64 = 1_000_000_000;
-/// Bytes of a message. The largest that robots send, images of 50 megapixels, have 150 million.
+/// Largest size of a message, in bytes. The largest that robots send, images of 50 megapixels, have 150 million.
 const LARGEST: usize = 256 << 20;
 
 /// When a message was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Receipt {
-    /// By a clock that is never set.
+    /// Time of a monotonic clock.
     pub at: Duration,
-    /// In nanoseconds since 1970, for messages without a stamp.
+    /// Nanoseconds since 1970, for messages without a stamp.
     pub stamp: Timestamp,
 }
 
-/// Assembles the frames of a running robot: what [`Frames`](super::Frames) does for a recording, message by message.
+/// Assembles the frames of a running robot, as [`Frames`](super::Frames) does for a recording, message by message.
 ///
-/// Each image is returned once: as a frame, or with the reason why it is none. Memory is bounded whatever is sent.
+/// Each image is returned once: as a frame, or with the reason why it was dropped. Memory is bounded for any input.
 ///
 /// ```
 /// # fn main() -> lsdc_files::error::Result<()> {
@@ -71,19 +71,19 @@ pub struct LiveFrames {
     rig: Rig,
     tolerance: Duration,
     patience: Duration,
-    /// In the order in which they came.
+    /// Waiting images, in order of arrival.
     images: VecDeque<WaitingImage>,
     clouds: TimeSeries<Cloud>,
-    /// Of the last clouds, and of the last messages of the camera, in the order in which they came.
+    /// Stamps of the last clouds and, below, of the last camera messages, in order of arrival.
     cloud_stamps: VecDeque<Timestamp>,
     camera_stamps: VecDeque<Timestamp>,
-    /// Whether the last image had a message of the camera with its own stamp.
+    /// Whether the last image had a camera message with the same stamp.
     has_own_camera: bool,
     newest_image: Option<Timestamp>,
-    /// Whether frames have the pose of their camera, and the route to it, where transforms lead there.
+    /// Whether frames have the pose of their camera and, below, the route to it, if transforms lead there.
     has_poses: bool,
     camera_route: Option<Route>,
-    /// Whether something was added that the rig has not been settled with.
+    /// Whether something was added since the rig was last settled.
     changed: bool,
     /// Why the rig could not be settled.
     lacking: Option<String>,
@@ -92,30 +92,30 @@ pub struct LiveFrames {
     counts: LiveCounts,
 }
 
-/// What was left out or assumed, in numbers of messages unless said otherwise.
+/// Numbers of messages that were received, left out or adjusted, unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LiveCounts {
-    /// Images received: as many are returned or wait.
+    /// Images received. Each is returned or still waits.
     pub images: u64,
-    /// Messages of points received.
+    /// Points messages received.
     pub points: u64,
-    /// Damaged messages of points.
+    /// Damaged points messages.
     pub damaged_points: u64,
-    /// Messages that describe no camera that is known.
+    /// Messages without a usable camera.
     pub unusable_cameras: u64,
-    /// Transforms that are damaged, or no transforms: counted one by one, or once for a damaged message.
+    /// Damaged or invalid transforms, counted one by one; a damaged message counts once.
     pub unusable_transforms: u64,
     /// Transforms of a frame that had another parent before.
     pub reparented: u64,
-    /// Static transforms that differ from those before.
+    /// Static transforms that differ from the previous ones.
     pub replaced: u64,
-    /// Transforms of more frames than are kept.
+    /// Transforms of frames beyond the limit.
     pub crowded: u64,
-    /// Messages without a stamp, which count at the time of their receipt.
+    /// Messages without a stamp, for which the time of receipt is used.
     pub unstamped: u64,
     /// How often a clock was set back, by the stamps of messages.
     pub set_back: u64,
-    /// Messages of more bytes than are read.
+    /// Messages above the size limit.
     pub too_large: u64,
 }
 
@@ -123,11 +123,11 @@ struct WaitingImage {
     header: Header,
     message: Vec<u8>,
     received: Duration,
-    /// The stamp of its points, and when the last of them was measured, once that is known.
+    /// Stamp of its points, and the time of the last of them, once known.
     points_end: Option<(Timestamp, Timestamp)>,
 }
 
-/// The message of points, and when image and points were measured.
+/// Message of points, and the times of image and points.
 type MatchedPoints = (Arc<Vec<u8>>, FrameTimes);
 
 struct Cloud {
@@ -135,7 +135,7 @@ struct Cloud {
     message: Arc<Vec<u8>>,
 }
 
-/// An image and its points, with all that is needed to decode them on any thread.
+/// An image and its points, with everything needed to decode them on any thread.
 pub struct LiveFrame {
     header: Header,
     times: FrameTimes,
@@ -147,49 +147,50 @@ pub struct LiveFrame {
 }
 
 impl LiveFrame {
-    /// When the image was taken, and the frame of reference that it names.
+    /// Returns the stamp of the image and its frame of reference.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// When the image was received.
+    /// Returns when the image was received.
     pub fn received(&self) -> Duration {
         self.received
     }
 
-    /// When its points were measured: no two clouds that are kept have the same stamp.
+    /// Returns the stamp of its points. It identifies the cloud: no two cached clouds have the same stamp.
     pub fn points_stamp(&self) -> Timestamp {
         self.times.points
     }
 
-    /// Where the camera was; nothing without [`LiveFrames::with_poses`], or where transforms do not say it.
+    /// Returns the pose of the camera; `None` without [`LiveFrames::with_poses`], or if it is not known from the
+    /// transforms.
     pub fn pose(&self) -> Option<&CameraPose> {
         self.pose.as_ref()
     }
 
-    /// The frame that the messages hold: the same as from a recording of them.
+    /// Decodes the frame. The result equals that from a recording of the messages.
     ///
     /// # Errors
-    /// Damaged messages; a camera of images of another shape; no points in the image.
+    /// A message is damaged, the camera is of images of another shape, or no points are in the image.
     pub fn decode(&self) -> Result<DecodedFrame> {
         self.rig.decode(self.times, [&self.image, &self.points])
     }
 
-    /// The camera of the image as a message of `sensor_msgs/msg/CameraInfo` with the header of the image, if a topic describes
-    /// it, and none was given.
+    /// Returns the camera of the image as a message of `sensor_msgs/msg/CameraInfo` with the header of the image; `None` if
+    /// no topic describes it or a camera was given.
     pub fn camera_info(&self) -> Option<Vec<u8>> {
         if self.rig.given_camera.is_some() {
             return None;
         }
         let message = self.rig.cameras.message(self.times.image)?;
-        // It was read before.
+        // The message has been read successfully before.
         restamped_camera_info(message, &self.header).ok()
     }
 }
 
 impl LiveFrames {
-    /// Frames of these topics. An image waits for its points and for transforms until `patience` after its receipt. The names
-    /// of topics in `options` are not used.
+    /// Assembles frames of these topics. An image waits for its points and for transforms until `patience` after its
+    /// receipt. The names of topics in `options` are not used.
     pub fn new(topics: FrameTopics, options: &FrameOptions, patience: Duration) -> Self {
         Self {
             rig: Rig::new(topics, options, Transforms::of_the_last(TRANSFORMS)),
@@ -211,7 +212,7 @@ impl LiveFrames {
         }
     }
 
-    /// The same with the pose of the camera of each frame: an image also waits for the transforms of its own time.
+    /// Adds the pose of the camera to each frame. An image then also waits for the transforms of its own time.
     #[must_use]
     pub fn with_poses(self) -> Self {
         Self {
@@ -220,7 +221,7 @@ impl LiveFrames {
         }
     }
 
-    /// Adds a message of a topic. Those of other topics are ignored.
+    /// Adds a message. Messages of unknown topics are ignored.
     pub fn add(&mut self, topic: &str, message: Vec<u8>, receipt: Receipt) {
         let topics = &self.rig.topics;
         let [is_image, is_points] = [&topics.image.0, &topics.points.0].map(|name| name == topic);
@@ -301,7 +302,7 @@ impl LiveFrames {
         self.rig.depth_cameras.keep_last(CAMERAS);
     }
 
-    /// A header with a stamp.
+    /// Replaces a missing stamp by the time of receipt.
     fn stamped(&mut self, header: Header, receipt: Receipt) -> Header {
         if header.stamp != 0 {
             return header;
@@ -311,7 +312,7 @@ impl LiveFrames {
         Header { stamp, ..header }
     }
 
-    /// Starts anew if the clock of images or points was set back.
+    /// Restarts if the clock of images or points was set back.
     fn watch_clock(&mut self, newest: Option<Timestamp>, stamp: Timestamp) {
         if newest.is_none_or(|newest| newest.saturating_sub(stamp) <= JUMP) {
             return;
@@ -334,8 +335,8 @@ impl LiveFrames {
         self.dropped.push_back(DroppedFrame { stamp, reason });
     }
 
-    /// The next image for which it is decided whether it is completed, in the order of their receipt. Call it after messages
-    /// were added, and at the [deadline](Self::deadline), until there is none.
+    /// Returns the next image that is ready or dropped, in order of receipt. Call it after adding messages and at the
+    /// [deadline](Self::deadline), until it returns `None`.
     pub fn next(&mut self, now: Duration) -> Option<std::result::Result<LiveFrame, DroppedFrame>> {
         if let Some(dropped) = self.dropped.pop_front() {
             return Some(Err(dropped));
@@ -370,7 +371,7 @@ impl LiveFrames {
         Some(found.map_err(|reason| DroppedFrame { stamp, reason }))
     }
 
-    /// The points of an image, or why it has none; `None` while it waits.
+    /// Returns the points of an image, or why it has none; `None` while it waits.
     fn decide(
         &mut self,
         image: &mut WaitingImage,
@@ -427,8 +428,8 @@ impl LiveFrames {
         Some(Ok((message, times)))
     }
 
-    /// Whether the cloud nearest to a time is there: one after it is, or the next one is expected to be further away than the
-    /// last.
+    /// Whether the cloud nearest to a time has arrived: one after it has, or the next one is expected to be further away
+    /// than the last.
     fn has_nearest(&self, stamp: Timestamp) -> bool {
         let Some((newest, _)) = self.clouds.last() else {
             return false;
@@ -440,7 +441,8 @@ impl LiveFrames {
                 .is_some_and(|interval| interval.saturating_sub(past) >= past)
     }
 
-    /// The time in which the next cloud will not come, in nanoseconds: nine tenths of the shortest between the last ones.
+    /// Returns the time, in nanoseconds, in which no further cloud is expected: 90 % of the shortest interval between the
+    /// last ones.
     fn shortest_interval(&self) -> Option<i64> {
         const LEAST: usize = 3;
         let (earlier, later) = (self.cloud_stamps.iter(), self.cloud_stamps.iter().skip(1));
@@ -451,7 +453,7 @@ impl LiveFrames {
         Some(shortest / 10 * 9)
     }
 
-    /// Settles the rig if anything has changed, or image and points are in other frames of reference than those before.
+    /// Settles the rig if anything has changed, or if image and points have other frames of reference than before.
     fn settle(&mut self, frames: [String; 2], stamp: Timestamp) {
         if !self.changed && self.rig.frames.as_ref() == Some(&frames) {
             return;
@@ -476,28 +478,28 @@ impl LiveFrames {
         }
     }
 
-    /// When the image that waits longest is decided at the latest.
+    /// Latest time at which the oldest waiting image is returned.
     pub fn deadline(&self) -> Option<Duration> {
         let first = self.images.front()?;
         Some(first.received.saturating_add(self.patience))
     }
 
-    /// Images that wait for points or transforms.
+    /// Number of images that wait for points or transforms.
     pub fn waiting(&self) -> usize {
         self.images.len()
     }
 
-    /// Why no image can be completed, if that is so: a camera or transforms that have not come yet.
+    /// Returns why no image can be completed yet: a missing camera or missing transforms.
     pub fn lacking(&self) -> Option<&str> {
         self.lacking.as_deref()
     }
 
-    /// What is assumed and should be checked, a sentence each.
+    /// Assumptions that should be checked, a sentence each.
     pub fn remarks(&self) -> &[String] {
         &self.remarks
     }
 
-    /// What was left out or assumed until now.
+    /// Counts so far.
     pub fn counts(&self) -> LiveCounts {
         let Rig {
             cameras,
@@ -519,7 +521,7 @@ impl LiveFrames {
 }
 
 impl Rig {
-    /// When the last point of a message was measured, as far as points have times.
+    /// Returns the time of the last point of a message; its stamp if points have no times.
     fn points_end(&self, stamp: Timestamp, message: &[u8]) -> Timestamp {
         let cloud = self.point_times.as_ref().map(|_| PointCloud::of(message));
         let sweep = cloud.and_then(|cloud| self.sweep(stamp, &cloud.ok()?));
@@ -527,7 +529,7 @@ impl Rig {
     }
 }
 
-/// How many messages of these sizes are kept: at least one.
+/// Returns how many messages of these sizes fit in the memory limit; at least one.
 fn fitting(sizes: impl Iterator<Item = usize>) -> usize {
     let mut bytes = 0;
     let fits = |size: &usize| {
@@ -537,7 +539,7 @@ fn fitting(sizes: impl Iterator<Item = usize>) -> usize {
     sizes.take_while(fits).count().max(1)
 }
 
-/// Adds a stamp to the last ones.
+/// Appends a stamp, and drops the oldest.
 fn keep(stamps: &mut VecDeque<Timestamp>, stamp: Timestamp) {
     if stamps.len() == STAMPS {
         stamps.pop_front();

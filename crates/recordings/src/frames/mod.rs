@@ -1,4 +1,4 @@
-//! The frames of a recording: each image with the points that are nearest in time.
+//! The frames of a recording: each image with the points nearest in time.
 
 mod cameras;
 mod choice;
@@ -28,13 +28,13 @@ use lsdc_files::error::Result;
 use rig::Rig;
 use std::time::Duration;
 
-/// The frames of a recording. As many images as there are messages are either found or dropped.
+/// The frames of a recording. Every image is either in `found` or in `dropped`.
 pub struct Frames {
-    /// In the order of the recording.
+    /// Frames, in the order of the recording.
     pub found: Vec<SyncedFrame>,
     /// Images that cannot be used, in the order of the recording.
     pub dropped: Vec<DroppedFrame>,
-    /// What was assumed or left out and should be checked, a sentence each.
+    /// Assumptions and omissions that should be checked, a sentence each.
     pub remarks: Vec<String>,
     rig: Rig,
 }
@@ -44,11 +44,11 @@ pub struct Frames {
 pub struct SyncedFrame {
     /// When the image was taken.
     pub stamp: Timestamp,
-    /// Where the image is in the recording.
+    /// Location of the image in the recording.
     pub location: MessageLocation,
     /// When the image was recorded and published, in nanoseconds.
     pub times: MessageTimes,
-    /// Where the points are in the recording. Images that were taken in quick succession have the same ones.
+    /// Location of the points in the recording. Images taken in quick succession share their points.
     pub points: MessageLocation,
     /// When the points were measured.
     pub points_stamp: Timestamp,
@@ -57,7 +57,7 @@ pub struct SyncedFrame {
 /// An image that cannot be used.
 #[derive(Clone, Debug)]
 pub struct DroppedFrame {
-    /// When it was taken.
+    /// When the image was taken.
     pub stamp: Timestamp,
     /// Why it cannot be used.
     pub reason: DropReason,
@@ -66,24 +66,24 @@ pub struct DroppedFrame {
 /// Why an image cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DropReason {
-    /// The nearest points are so many nanoseconds away, if there are any.
+    /// The nearest points are this many nanoseconds away; `None` if there are no points.
     NoPoints(Option<u64>),
-    /// It is not known where camera and points were.
+    /// The transform from the points to the camera is not known.
     NoTransform(TransformGap),
-    /// It is of another frame of reference than the first image, or its points than the first points.
+    /// The frame of reference differs from that of the first image, or of the first points.
     OtherFrame(String),
     /// The message is damaged.
     Damaged(String),
-    /// On a running robot: no camera, or no transforms from the points to the camera, have come yet.
+    /// On a running robot: the camera, or transforms from the points to the camera, have not arrived yet.
     NotReady(String),
-    /// On a running robot: a newer image came before this one was used.
+    /// On a running robot: a newer image arrived before this one was used.
     Superseded,
     /// On a running robot: its clock was set back while the image waited.
     ClockSetBack,
 }
 
 impl DropReason {
-    /// Which kind of reason it is, for counting.
+    /// Returns the kind of reason, for counting.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::NoPoints(_) => "without points near their time",
@@ -122,18 +122,18 @@ impl std::fmt::Display for DropReason {
 struct TimedMessage {
     location: MessageLocation,
     times: MessageTimes,
-    /// The frame of reference, if it is not that of the first.
+    /// The frame of reference, if it differs from the first one.
     other_frame: Option<String>,
 }
 
-/// The messages of a topic, collected in a pass over a recording.
+/// The messages of a topic, collected in one pass over a recording.
 #[derive(Default)]
 struct TopicMessages {
     found: Vec<(Timestamp, TimedMessage)>,
-    /// The frame of reference of the first.
+    /// Frame of reference of the first message.
     frame: Option<String>,
     damaged: Vec<DroppedFrame>,
-    /// Messages without a stamp, which are taken at the time that they were recorded.
+    /// Number of messages without a stamp, for which the time of recording is used.
     unstamped: usize,
 }
 
@@ -167,11 +167,10 @@ impl TopicMessages {
 }
 
 impl Frames {
-    /// Finds the frames of a recording, which is read once for it, but for topics that are not needed.
+    /// Finds the frames of a recording in one pass, which skips topics that are not needed.
     ///
     /// # Errors
-    /// Topics that are not there or are of another type; a camera or transforms that are missing; a recording that
-    /// cannot be read.
+    /// Topics do not exist or have another type, a camera or transforms are missing, or the recording cannot be read.
     pub fn of(recording: &mut Recording, options: &FrameOptions) -> Result<Self> {
         let topics = FrameTopics::choose(recording, options)?;
         let mut rig = Rig::new(topics.clone(), options, Transforms::default());
@@ -219,18 +218,18 @@ impl Frames {
         Ok(frames)
     }
 
-    /// The topics that the frames are made of.
+    /// Returns the topics that the frames are made of.
     pub fn topics(&self) -> &FrameTopics {
         &self.rig.topics
     }
 
-    /// The times of the points, if motion within a cloud is compensated.
+    /// Returns the times of the points, if motion within a cloud is compensated.
     pub fn point_times(&self) -> Option<&PointTimes> {
         self.rig.point_times.as_ref()
     }
 
-    /// The camera of the images, and what of it holds: of unrectified images K and D, of rectified ones P. Nothing if no
-    /// topic has one.
+    /// Returns the topic of the camera and the parameters in use: K and D for unrectified images, P for rectified ones.
+    /// `None` if no topic describes the camera.
     pub fn seen_by(&self) -> Option<String> {
         let FrameTopics {
             image, camera_info, ..
@@ -254,12 +253,12 @@ impl Frames {
         })
     }
 
-    /// Whether points are clouds, all of one time unless they are deskewed.
+    /// Whether points are clouds, whose points have a single time unless they are deskewed.
     pub fn has_clouds(&self) -> bool {
         self.rig.has_clouds()
     }
 
-    /// Gives each image the points that are nearest in time.
+    /// Pairs each image with the points nearest in time.
     fn pair(&mut self, images: TopicMessages, points: TopicMessages, tolerance: Duration) {
         let clouds = TimeSeries::new(points.found);
         for (stamp, image) in images.found {
@@ -296,7 +295,7 @@ impl Frames {
         })
     }
 
-    /// What the frames are made of, as text: two recordings of which it is the same give the same frames.
+    /// Describes the source of the frames as text: recordings with equal texts give the same frames.
     pub fn about(&self) -> String {
         let FrameTopics {
             image,
@@ -317,7 +316,7 @@ impl Frames {
     }
 }
 
-/// What should be said of a recording.
+/// Returns the remarks about a recording.
 fn remarks(
     defects: &Defects,
     [images, points]: [&TopicMessages; 2],

@@ -3,26 +3,26 @@
 use lsdc_files::{Camera, Unit};
 use std::time::Duration;
 
-/// Which topics the frames of a recording are read from, and how points are matched to images.
+/// Options for reading the frames of a recording: topics, and how points are matched to images.
 #[derive(Clone, Debug)]
 pub struct FrameOptions {
-    /// The topic of images; not needed where there is one.
+    /// Topic of images; not needed if there is only one.
     pub image: Option<String>,
-    /// The topic of points, clouds or images of depths; not needed where there is one of clouds.
+    /// Topic of points, clouds or depth images; not needed if there is only one topic of clouds.
     pub points: Option<String>,
-    /// The topic of the camera; else `camera_info` beside the images.
+    /// Topic of the camera; by default `camera_info` next to the images.
     pub camera_info: Option<String>,
-    /// Topics of transforms; else all. Those of a name that ends with `static` are valid at all times.
+    /// Topics of transforms; all by default. A topic whose name ends with `static` is valid at all times.
     pub tf: Vec<String>,
-    /// The frame that motion is measured in; else as [`Transforms::route`](crate::transforms::Transforms::route) chooses it.
+    /// Frame in which motion is measured; by default chosen by [`Transforms::route`](crate::transforms::Transforms::route).
     pub fixed: Option<String>,
-    /// The largest time between an image and its points.
+    /// Largest time between an image and its points.
     pub tolerance: Duration,
-    /// The camera, at its place in the frame of the points, instead of what the recording says of both.
+    /// Camera, with its pose in the frame of the points, instead of the recorded camera and pose.
     pub camera: Option<Camera>,
-    /// What depths and coordinates of clouds are stored in; else millimetres for whole numbers and metres for others.
+    /// Unit of stored depths and cloud coordinates; by default millimetres for integers and metres for other numbers.
     pub unit: Option<Unit>,
-    /// Whether motion within a cloud is compensated, by the times of its points; else all points have the stamp of their
+    /// Whether to compensate motion within a cloud by the times of its points; otherwise all points have the stamp of their
     /// cloud.
     pub deskew: bool,
 }
@@ -35,7 +35,7 @@ impl Default for FrameOptions {
             camera_info: None,
             tf: Vec::new(),
             fixed: None,
-            // Half the time between two turns of most scanners.
+            // Half the period of most scanners.
             tolerance: Duration::from_millis(50),
             camera: None,
             unit: None,

@@ -1,4 +1,4 @@
-//! Where the cameras are in the frame that motion is measured in.
+//! Poses of the cameras in the frame in which motion is measured.
 
 use super::rig::Rig;
 use super::{Frames, SyncedFrame};
@@ -7,32 +7,34 @@ use crate::rigid::Rigid;
 use crate::transforms::{Route, TransformGap};
 use lsdc_files::error::{Error, Result};
 
-/// Neighbours of an image are among so many images before it, and after it in a recording, that have points of their own.
+/// Number of images before an image, and after it in a recording, among which its neighbours with points of their own are
+/// found.
 pub const NEIGHBOUR_WINDOW: usize = 20;
 
-/// Where a camera was when it took an image.
+/// Pose of a camera when it took an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPose {
-    /// The frame that motion is measured in.
+    /// Frame in which motion is measured.
     pub fixed: String,
-    /// From that frame to the one of the camera; of a given camera, to the one of the points, which it is in.
+    /// Transform from that frame to the camera's frame or, for a given camera, to the frame of the points, which it is
+    /// given in.
     pub rigid: Rigid,
 }
 
 impl Frames {
-    /// The route from the frame that motion is measured in to that of the cameras, for [`Self::camera_pose`]. A given camera is in the
-    /// frame of the points.
+    /// Returns the route from the frame in which motion is measured to that of the cameras, for [`Self::camera_pose`]. A
+    /// given camera is in the frame of the points.
     ///
     /// # Errors
-    /// Transforms that lead from no such frame, or that do not move: then it is not known where the camera was.
+    /// No transforms lead there, or none of them moves, so that the pose of the camera is unknown.
     pub fn camera_route(&self) -> Result<Route> {
         self.rig.camera_route()
     }
 
-    /// The motion from the frame that motion is measured in to that of the camera, when it took the image.
+    /// Returns the transform from the frame in which motion is measured to that of the camera, at the time of the image.
     ///
     /// # Errors
-    /// Transforms do not reach that time.
+    /// The transforms do not cover that time.
     pub fn camera_pose(
         &self,
         route: &Route,
@@ -43,7 +45,7 @@ impl Frames {
 }
 
 impl Rig {
-    /// As of [`Frames`].
+    /// Returns [`Frames::camera_route`].
     pub(super) fn camera_route(&self) -> Result<Route> {
         let frames = self.frames.clone().unwrap_or_default();
         let [image, points] = &frames;
@@ -68,7 +70,7 @@ impl Rig {
         ))
     }
 
-    /// Where the camera was at a time, if transforms reach it.
+    /// Returns the pose of the camera at a time, if the transforms cover it.
     pub(super) fn camera_pose(&self, route: &Route, stamp: Timestamp) -> Option<CameraPose> {
         let rigid = self.transforms.along(route).between(route, [stamp; 2]);
         Some(CameraPose {

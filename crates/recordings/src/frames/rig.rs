@@ -1,5 +1,5 @@
-//! The sensors of a robot as its messages describe them: cameras, their places at any time, and the times of points. Recordings
-//! and running robots share it.
+//! The sensors of a robot as described by its messages: cameras, their poses over time, and the times of points. Shared by
+//! recordings and running robots.
 
 use super::DropReason;
 use super::cameras::{Cameras, registration_error};
@@ -12,33 +12,34 @@ use crate::transforms::{Route, Transforms};
 use lsdc_files::error::Result;
 use lsdc_files::{Camera, Unit};
 
-/// The sensors of a robot. Messages are [added](Self::add); [`Self::settle`] then decides how points get into images.
+/// The sensors of a robot. Messages are [added](Self::add); [`Self::settle`] then decides how points are projected into
+/// images.
 #[derive(Clone, Debug)]
 pub(super) struct Rig {
     pub(super) topics: FrameTopics,
     pub(super) unit: Option<Unit>,
     pub(super) given_camera: Option<Camera>,
-    /// The frame that motion is measured in, if it was given.
+    /// Frame in which motion is measured, if given.
     pub(super) fixed: Option<String>,
     deskew: bool,
-    /// The frames of reference of images and of points, once there are both.
+    /// Frames of reference of images and of points, once both have arrived.
     pub(super) frames: Option<[String; 2]>,
     pub(super) cameras: Cameras,
-    /// Of images of depths.
+    /// Cameras of the depth images.
     pub(super) depth_cameras: Cameras,
-    /// Whether images of depths are of the pixels of the image.
+    /// Whether depth images share the pixels of the image.
     pub(super) registered: bool,
     pub(super) transforms: Transforms,
-    /// Transforms that are damaged.
+    /// Number of damaged transforms.
     pub(super) unusable_transforms: usize,
-    /// From the points to the camera, unless that is given.
+    /// Route from the points to the camera, unless the camera is given.
     pub(super) route: Option<Route>,
     detector: ClockDetector,
-    /// The times of the points, if motion within a cloud is compensated.
+    /// Times of the points, if motion within a cloud is compensated.
     pub(super) point_times: Option<PointTimes>,
 }
 
-/// Depths are registered if both cameras see the same points at most so many pixels apart.
+/// Depths count as registered up to this distance between the projections into both cameras, in pixels.
 const MAX_REGISTRATION_ERROR: f64 = 1.0;
 
 impl Rig {
@@ -63,7 +64,7 @@ impl Rig {
         }
     }
 
-    /// Adds a message about cameras or their places. Returns whether anything has changed that [`Self::settle`] depends on.
+    /// Adds a message about cameras or their poses. Returns whether anything has changed that [`Self::settle`] depends on.
     pub(super) fn add(&mut self, topic: &str, message: &[u8]) -> bool {
         let mut changed = false;
         if self.topics.camera_info.as_deref() == Some(topic) {
@@ -89,22 +90,22 @@ impl Rig {
         changed
     }
 
-    /// Looks at the times of a cloud's points, if they are used. Returns whether they were looked at.
+    /// Examines the times of a cloud's points, if they are needed. Returns whether they were examined.
     pub(super) fn add_times(&mut self, message: &[u8], stamp: Timestamp) -> bool {
         if !self.deskew || self.detector.is_done() {
             return false;
         }
-        // What is damaged is said where it is needed.
+        // Damage is reported where the cloud is decoded.
         PointCloud::of(message)
             .map(|cloud| self.detector.add(&cloud, stamp))
             .is_ok()
     }
 
-    /// Decides how points get into images, by all that was added; an image at `stamp` stands for all. Returns what was assumed,
-    /// a sentence each.
+    /// Decides from all added messages how points are projected into images, with the transforms at `stamp`. Returns
+    /// assumptions as remarks, a sentence each.
     ///
     /// # Errors
-    /// A camera or transforms that are missing.
+    /// A camera or transforms are missing.
     pub(super) fn settle(&mut self, stamp: Timestamp) -> Result<Vec<String>> {
         self.transforms.sort();
         (self.registered, self.route, self.point_times) = (false, None, None);
@@ -114,7 +115,7 @@ impl Rig {
         Ok(remarks)
     }
 
-    /// A copy with the transforms between points and camera alone.
+    /// Returns a copy with only the transforms between points and camera.
     pub(super) fn snapshot(&self) -> Self {
         let transforms = self
             .route
@@ -136,7 +137,7 @@ impl Rig {
         }
     }
 
-    /// Whether points are clouds, all of one time unless they are deskewed.
+    /// Whether points are clouds, whose points have a single time unless they are deskewed.
     pub(super) fn has_clouds(&self) -> bool {
         self.topics.points.1 == MessageType::PointCloud2
     }
@@ -204,12 +205,12 @@ impl Rig {
         remarks
     }
 
-    /// The route from the points to the camera, unless the camera is given or its own depths are the points.
+    /// Returns the route from the points to the camera, unless the camera is given or the points are its own depths.
     fn find_route(&self) -> Result<Option<Route>> {
         let Some([image, cloud]) = &self.frames else {
             return Ok(None);
         };
-        // What was in one frame stays there, whatever time has passed.
+        // Within a single frame no transform is needed, whatever time has passed.
         if self.given_camera.is_some() || !self.has_clouds() && image == cloud {
             return Ok(None);
         }
@@ -228,7 +229,7 @@ impl Rig {
             .map(Some)
     }
 
-    /// Enables motion compensation within clouds, or returns a remark why it is not possible though points have times.
+    /// Enables motion compensation within clouds, or returns a remark on why it is not possible although points have times.
     fn find_point_times(&mut self) -> Option<String> {
         let route = self.route.as_ref();
         let moves = route.is_some_and(|route| self.transforms.is_dynamic(route));
@@ -249,7 +250,7 @@ impl Rig {
         Some(format!("{why}; all count at the stamp of their cloud"))
     }
 
-    /// The motion from points at one time to the camera at another one.
+    /// Returns the transform from points at one time to the camera at another.
     pub(super) fn motion(
         &self,
         points: Timestamp,
@@ -263,7 +264,7 @@ impl Rig {
             .map_err(DropReason::NoTransform)
     }
 
-    /// The camera of the images at a time, for images of the size that it was calibrated for.
+    /// Returns the camera of the images at a time, for images of its calibrated size.
     pub(super) fn camera(&self, stamp: Timestamp) -> Option<Camera> {
         let given_camera = self.given_camera.clone();
         given_camera.or_else(|| self.cameras.at(stamp))

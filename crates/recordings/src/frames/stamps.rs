@@ -1,12 +1,12 @@
-//! The points of a frame as its camera would see them at another stamp, to find clocks that differ.
+//! The points of a frame as its camera would see them at another stamp, to detect clock offsets.
 
 use super::{Frames, SyncedFrame};
 use lsdc_core::{Observation, Observations};
 use lsdc_files::Camera;
 
 impl Frames {
-    /// The points of a frame, in their order, where its camera would see them so many nanoseconds after the stamp of the image.
-    /// Points behind the camera have no depth (NaN). `None` if nothing moves, or transforms do not reach that stamp.
+    /// Returns the points of a frame, in order, as its camera would see them `nanoseconds` after the stamp of the image.
+    /// Points behind the camera have no depth (NaN). `None` if nothing moves, or if the transforms do not cover that time.
     ///
     /// `points` and `camera` are those of the [decoded](super::DecodedFrame) frame.
     pub fn seen_after(

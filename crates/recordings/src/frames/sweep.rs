@@ -4,14 +4,14 @@ use crate::message::{PointCloud, Timestamp};
 use crate::rigid::Rigid;
 use crate::transforms::{Route, Transforms};
 
-/// The field of clouds that holds the time of each point.
+/// The field of clouds that contains the time of each point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointTimes {
-    /// The name of the field.
+    /// Name of the field.
     pub field: String,
-    /// From the first point of a cloud to the last, in seconds: the longest of the clouds at the beginning.
+    /// Longest duration of a cloud among the first clouds, from the first point to the last, in seconds.
     pub seconds: f64,
-    /// The type of the field.
+    /// Type of the field.
     kind: u8,
     clock: Clock,
 }
@@ -19,14 +19,14 @@ pub struct PointTimes {
 /// The unit and the origin of times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Clock {
-    /// Nanoseconds to a unit.
+    /// Nanoseconds per unit.
     unit: f64,
-    /// Whether times count from 1970, not from the stamp of the cloud.
+    /// Whether times count from 1970 rather than from the stamp of the cloud.
     absolute: bool,
 }
 
 impl Clock {
-    /// All clocks. Integers are tried on the last alone.
+    /// All candidates. For integers only the last one is tried.
     const ALL: [Self; 8] = [
         Self::new(1e9, false),
         Self::new(1e9, true),
@@ -37,7 +37,7 @@ impl Clock {
         Self::new(1e3, false),
         Self::new(1.0, false),
     ];
-    /// The first of the clocks that are guessed: small numbers fit any small unit.
+    /// Index of the first guessed candidate: small numbers fit any small unit.
     const GUESSED: usize = 5;
     const WHOLE: usize = Self::ALL.len() - 1;
 
@@ -45,41 +45,41 @@ impl Clock {
         Self { unit, absolute }
     }
 
-    /// Nanoseconds from a stamp to a time, if that is near: at most a second since 1970, or what the slowest turn takes (a fifth
-    /// of a second, and some more) from the stamp, as small numbers may count from elsewhere.
+    /// Returns the nanoseconds from a stamp to a time, if they are close: within a second for times since 1970; otherwise
+    /// within the slowest turn (a fifth of a second, with some margin), as small numbers may count from another origin.
     fn from(self, stamp: Timestamp, time: f64) -> Option<i64> {
         let (zero, near) = if self.absolute {
             (stamp, 1_000_000_000)
         } else {
             (0, 250_000_000)
         };
-        // Numbers beyond the largest are the largest.
+        // The cast saturates.
         let offset = ((time * self.unit).round() as i64).saturating_sub(zero);
         (time.is_finite() && offset.unsigned_abs() <= near).then_some(offset)
     }
 }
 
-/// Detects the clock of point times: tries every clock on the clouds at the beginning of a recording.
+/// Detects the clock of point times by trying every clock on the first clouds of a recording.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ClockDetector {
-    /// The time field of the first cloud that has one, and its type.
+    /// Time field of the first cloud that has one, and its type.
     field: Option<(String, u8)>,
-    /// How many of the clouds have this field.
+    /// Number of clouds with this field.
     clouds: usize,
-    /// For each clock, how many clouds fit it, and the longest of these, in nanoseconds.
+    /// For each clock, the number of clouds that fit it and the longest of their durations, in nanoseconds.
     fits: [(usize, i64); Clock::ALL.len()],
 }
 
 impl ClockDetector {
-    /// The first clouds of a recording may be parts of a turn, and simulated time begins at 0.
+    /// Number of clouds to examine. The first clouds of a recording may be partial turns, and simulated time starts at 0.
     const CLOUDS: usize = 50;
 
-    /// Whether there are enough clouds.
+    /// Whether enough clouds were examined.
     pub(super) fn is_done(&self) -> bool {
         self.clouds == Self::CLOUDS
     }
 
-    /// Adds a cloud, unless there are enough.
+    /// Examines a cloud, unless enough were examined.
     pub(super) fn add(&mut self, points: &PointCloud<'_>, stamp: Timestamp) {
         let Some((name, kind)) = points.time_field() else {
             return;
@@ -97,7 +97,7 @@ impl ClockDetector {
             let Some([first, last]) = span(points, stamp, clock) else {
                 continue;
             };
-            // Seconds since a scanner was switched on could be milliseconds, too, but for that.
+            // This rules out seconds since a scanner was switched on, which could otherwise be milliseconds.
             let touches = first.max(-last) <= last - first;
             if touches || whole || at < Clock::GUESSED {
                 let (clouds, longest) = &mut self.fits[at];
@@ -107,17 +107,17 @@ impl ClockDetector {
         }
     }
 
-    /// The clock that at least half of the clouds fit: of those that are not guessed the one with most clouds, or else the
-    /// first.
+    /// Returns the clock that at least half of the clouds fit: among those that are not guesses the one with most clouds,
+    /// else the first of the guesses.
     ///
     /// # Errors
-    /// There are times, but of no clock: the name of the field, and how many clouds were tried.
+    /// Times exist but fit no clock: the name of the field, and the number of clouds that were tried.
     pub(super) fn found(&self) -> Result<Option<PointTimes>, (String, usize)> {
         let Some((field, kind)) = self.field.clone() else {
             return Ok(None);
         };
         let enough = |at: &usize| 2 * self.fits[*at].0 >= self.clouds;
-        // Of several that are as good `max_by_key` gives the last.
+        // On ties `max_by_key` returns the last.
         let known = (0..Clock::GUESSED).rev().max_by_key(|at| self.fits[*at].0);
         let mut any = known.into_iter().chain(Clock::GUESSED..Clock::ALL.len());
         let Some(at) = any.find(enough) else {
@@ -132,13 +132,13 @@ impl ClockDetector {
     }
 }
 
-/// Of a cloud whose points are not all of one time, the first and the last that are near its stamp by a clock, in nanoseconds
-/// from there: if these are at least half of all.
+/// Returns the first and the last time of a cloud that are close to its stamp by a clock, in nanoseconds from the stamp;
+/// `None` if less than half of the times are close or all points have the same time.
 fn span(points: &PointCloud<'_>, stamp: Timestamp, clock: Clock) -> Option<[i64; 2]> {
     let (mut all, mut near) = (0_usize, 0);
     let mut ends: Option<[i64; 2]> = None;
     for (position, time) in points.timed()? {
-        // Where nothing was hit, there need not be a time.
+        // Points without a return may lack a time.
         if position.iter().any(|v| !v.is_finite()) {
             continue;
         }
@@ -155,15 +155,15 @@ fn span(points: &PointCloud<'_>, stamp: Timestamp, clock: Clock) -> Option<[i64;
 /// The times of a cloud's points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sweep {
-    /// Of the cloud.
+    /// Stamp of the cloud.
     stamp: Timestamp,
     clock: Clock,
-    /// Of the first and the last, from the stamp on.
+    /// Times of the first and the last point, relative to the stamp.
     ends: [i64; 2],
 }
 
 impl Sweep {
-    /// The sweep of a cloud whose time field is that of the clouds at the beginning of the recording.
+    /// Returns the sweep of a cloud whose time field is that of the first clouds of the recording.
     pub(super) fn of(
         points: &PointCloud<'_>,
         stamp: Timestamp,
@@ -181,12 +181,12 @@ impl Sweep {
         })
     }
 
-    /// When its last point was measured.
+    /// Returns the time of its last point.
     pub(super) fn end(self) -> Timestamp {
         self.stamp.saturating_add(self.ends[1])
     }
 
-    /// The motions of its points to the pose of the camera at the time `seen`.
+    /// Returns the transforms from its points to the pose of the camera at the time `seen`.
     pub(super) fn motions<'a>(
         self,
         transforms: &'a Transforms,
@@ -208,27 +208,28 @@ impl Sweep {
     }
 }
 
-/// The motion of each point of a cloud, by its time.
+/// Transform of each point of a cloud, by its time.
 pub(super) struct PointMotions<'a> {
     sweep: Sweep,
     transforms: &'a Transforms,
     route: &'a Route,
     seen: Timestamp,
-    /// At even times from the first point to behind the last, where they are known.
+    /// Transforms at regular times from the first point to beyond the last, where known.
     pub(super) edges: Vec<Option<Rigid>>,
 }
 
 impl PointMotions<'_> {
-    /// Nanoseconds between edges. Between them motion is even, as it is between transforms, which are further apart.
+    /// Nanoseconds between edges. Motion is interpolated linearly between them, as between transforms, which are further
+    /// apart.
     const STEP: i64 = 1_000_000;
 
-    /// So many nanoseconds from the stamp of the cloud.
+    /// Computes the transform at an offset from the stamp of the cloud, in nanoseconds.
     fn exact(&self, offset: i64) -> Option<Rigid> {
         let time = self.sweep.stamp.saturating_add(offset);
         self.transforms.between(self.route, [time, self.seen]).ok()
     }
 
-    /// Of a point with this time, if that is near the stamp and transforms reach there.
+    /// Returns the transform of a point with this time, if it is close to the stamp and covered by transforms.
     pub(super) fn at(&self, time: f64) -> Option<Rigid> {
         let offset = self.sweep.clock.from(self.sweep.stamp, time)?;
         let past = offset - self.sweep.ends[0];
@@ -242,7 +243,7 @@ impl PointMotions<'_> {
     }
 }
 
-/// For fuzzers and tests: how many points of a cloud have a time by which they would be moved.
+/// For fuzzers and tests: counts the points of a cloud whose time would be used to move them.
 pub(crate) fn timed(points: &PointCloud<'_>, stamp: Timestamp) -> usize {
     let mut detector = ClockDetector::default();
     detector.add(points, stamp);
@@ -267,7 +268,7 @@ mod tests {
 
     const STAMP: Timestamp = 1_700_000_000_250_000_000;
 
-    /// A cloud with a time of each point, in a field of that name and type; points that were not hit have none.
+    /// A cloud with a time for each point, in a field of this name and type; points without a return have no time.
     fn cloud(name: &str, kind: u8, times: &[f64]) -> Vec<u8> {
         let mut writer = CdrWriter::with_capacity(0);
         Header::default().write(&mut writer);
@@ -300,7 +301,7 @@ mod tests {
         writer.finish()
     }
 
-    /// What is found in as many clouds as there are.
+    /// Runs the detector on these clouds.
     fn tried(clouds: &[(Vec<u8>, Timestamp)]) -> Result<Option<PointTimes>, (String, usize)> {
         let mut detector = ClockDetector::default();
         for (message, stamp) in clouds {
@@ -313,7 +314,7 @@ mod tests {
         Sweep::of(&PointCloud::of(message).unwrap(), stamp, found)
     }
 
-    /// As the drivers of scanners write them.
+    /// Times as the drivers of scanners write them.
     #[test]
     fn times_of_all_drivers_are_understood() {
         let seconds = STAMP as f64 * 1e-9;
@@ -383,7 +384,7 @@ mod tests {
                 }
             }
         }
-        // No time by its name, or by its type.
+        // Not a time, by its name or by its type.
         for (name, kind) in [("ring", 7), ("t", 9), ("t", 0)] {
             let message = cloud(name, kind, &[0.0, 0.1]);
             assert_eq!(tried(&[(message, STAMP)]), Ok(None), "{name}");
@@ -391,7 +392,7 @@ mod tests {
         assert_eq!(tried(&[]), Ok(None));
     }
 
-    /// Simulated time begins at 0, where numbers since then could be numbers since the stamp.
+    /// Simulated time starts at 0, so that absolute times could be relative to the stamp.
     #[test]
     fn most_clouds_say_what_times_count() {
         let tenth = |number: i64| 100_000_000 * number;
@@ -422,7 +423,7 @@ mod tests {
         assert_eq!((found.clock, found.seconds), (Clock::new(1e6, false), 0.1));
     }
 
-    /// A cloud of another kind, and one whose times are no longer times, are not moved by them.
+    /// A cloud of another type and one with invalid times are not deskewed.
     #[test]
     fn a_cloud_unlike_the_others_has_no_sweep() {
         let intact = cloud("t", 6, &[0.0, 1e8]);
@@ -438,7 +439,7 @@ mod tests {
             let message = cloud(name, kind, &times);
             assert_eq!(sweep(&message, STAMP, &found), None, "{name} {times:?}");
         }
-        // One wrong time is that of one point.
+        // One wrong time affects only one point.
         let message = cloud("t", 6, &[0.0, 5e7, 1e8, 3e9]);
         assert_eq!(
             sweep(&message, STAMP, &found).unwrap().ends,

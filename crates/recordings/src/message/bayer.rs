@@ -1,11 +1,11 @@
-//! Colours from the mosaic of a sensor.
+//! Demosaicing of Bayer images.
 
 use image::RgbImage;
 
-/// Where the colours of a mosaic lie: those of its first two rows and columns, as channels of RGB.
+/// Colours of a mosaic: RGB channel indices of its first two rows and columns.
 pub(super) type BayerPattern = [[usize; 2]; 2];
 
-/// The pattern that an encoding names.
+/// Returns the pattern of an encoding.
 pub(super) fn pattern(encoding: &str) -> Option<BayerPattern> {
     Some(match encoding {
         "bayer_rggb8" => [[0, 1], [1, 2]],
@@ -16,7 +16,7 @@ pub(super) fn pattern(encoding: &str) -> Option<BayerPattern> {
     })
 }
 
-/// Bilinear: each missing colour is the mean of its nearest neighbours, at the border of those that there are.
+/// Demosaics bilinearly: each missing colour is the mean of its nearest neighbours inside the image.
 pub(super) fn colours(
     mosaic: &[u8],
     (width, height): (usize, usize),
@@ -30,7 +30,7 @@ pub(super) fn colours(
         for row in y.saturating_sub(1)..=(y + 1).min(height - 1) {
             for column in columns.clone() {
                 let [sum, count] = &mut sums[channel(column, row)];
-                // Green lies straight beside, as do red and blue in its rows and columns.
+                // Green neighbours are orthogonal, as are the red and blue ones of a green pixel.
                 let corner = column != x && row != y;
                 let straight = channel(column, row) == 1 || channel(x, y) == 1;
                 if !(corner && straight) {

@@ -11,19 +11,19 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct StampedCamera {
     pub(crate) header: Header,
-    /// At the origin.
+    /// Camera at the origin.
     pub(crate) camera: Camera,
-    /// Where the camera may be in its frame, along x and y in metres: the second of a stereo pair, whose images are
-    /// rectified, is not at the origin.
+    /// Possible offset of the camera in its frame, along x and y in metres: the second camera of a rectified stereo pair is
+    /// not at the origin.
     pub(crate) baseline: [f64; 2],
-    /// As it was sent.
+    /// The message as received.
     pub(crate) message: Arc<[u8]>,
 }
 
-/// The camera that a message describes: of the image before it was rectified, or after.
+/// Reads the camera of a message, for images before or after rectification.
 ///
 /// # Errors
-/// A damaged message, and a camera that is not calibrated or of a lens that is not known.
+/// The message is damaged, or the camera is uncalibrated or has an unknown lens model.
 pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<StampedCamera> {
     read_message(MessageType::CameraInfo, message, |reader| {
         let header = Header::read(reader)?;
@@ -65,10 +65,10 @@ fn read_info(reader: &mut CdrReader<'_>) -> Result<CameraInfo> {
     })
 }
 
-/// The same message with another header.
+/// Returns the message with another header.
 ///
 /// # Errors
-/// A damaged message.
+/// The message is damaged.
 pub(crate) fn restamped_camera_info(message: &[u8], header: &Header) -> Result<Vec<u8>> {
     read_message(MessageType::CameraInfo, message, |reader| {
         Header::read(reader)?;
@@ -84,7 +84,7 @@ pub(crate) fn restamped_camera_info(message: &[u8], header: &Header) -> Result<V
         for _ in 0..count + 9 + 9 + 12 {
             writer.f64(reader.f64()?);
         }
-        // The binning and the window of the sensor.
+        // Binning and region of interest of the sensor.
         for _ in 0..6 {
             writer.u32(reader.u32()?);
         }
@@ -93,8 +93,8 @@ pub(crate) fn restamped_camera_info(message: &[u8], header: &Header) -> Result<V
     })
 }
 
-/// A camera as `sensor_msgs/msg/CameraInfo` of an image of this width and height: K, D and P, without its pose. Nothing if the
-/// conventions of ROS have no name for its lens.
+/// Writes a camera as `sensor_msgs/msg/CameraInfo` for images of this width and height: K, D and P, without its pose.
+/// `None` if the conventions of ROS have no name for its lens.
 pub fn write_camera_info(
     header: &Header,
     camera: &Camera,
@@ -123,7 +123,7 @@ pub fn write_camera_info(
     let projection = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0];
     let all = coefficients.iter().chain(&matrix).chain(&rotation);
     all.chain(&projection).for_each(|&value| writer.f64(value));
-    // All of the sensor, pixel by pixel.
+    // The full sensor without binning.
     (0..6).for_each(|_| writer.u32(0));
     writer.u8(0);
     Some(writer.finish())

@@ -8,11 +8,11 @@ use lsdc_files::error::Result;
 /// The points of a message, read one by one.
 pub(crate) struct PointCloud<'a> {
     data: &'a [u8],
-    /// Bytes from a point to the next, and from a row to the next.
+    /// Bytes from one point to the next, and from one row to the next.
     steps: [usize; 2],
     size: [usize; 2],
     axes: [Field; 3],
-    /// When each point was measured, and what that field is called.
+    /// Name and location of the field with the time of each point.
     time: Option<(String, Field)>,
     big_endian: bool,
 }
@@ -28,8 +28,9 @@ struct Field {
 const FLOAT32: u8 = 7;
 const FLOAT64: u8 = 8;
 
-/// What drivers call the time of a point: Ouster's `t` and Nebula's `time_stamp` count nanoseconds from the stamp of the
-/// message, Velodyne's `time` seconds; `timestamp` are seconds (Hesai, `RoboSense`) or nanoseconds (Livox) since 1970.
+/// Names that drivers use for the time of a point: Ouster's `t` and Nebula's `time_stamp` count nanoseconds from the stamp
+/// of the message, Velodyne's `time` counts seconds; `timestamp` is seconds (Hesai, `RoboSense`) or nanoseconds (Livox)
+/// since 1970.
 const TIMES: [&str; 6] = [
     "t",
     "time",
@@ -40,16 +41,16 @@ const TIMES: [&str; 6] = [
 ];
 
 impl<'a> PointCloud<'a> {
-    /// Of a message.
+    /// Reads the layout of a message.
     ///
     /// # Errors
-    /// A damaged message, and one without fields x, y and z of 32 or 64-bit floating-point numbers.
+    /// The message is damaged, or lacks fields x, y and z of 32 or 64-bit floating-point numbers.
     pub(crate) fn of(message: &'a [u8]) -> Result<Self> {
         read_message(MessageType::PointCloud2, message, Self::read)
     }
 
     fn read(reader: &mut CdrReader<'a>) -> Result<Self> {
-        /// Of a field without a name.
+        /// Size of a field without a name.
         const LEAST: usize = 16;
         Header::read(reader)?;
         let [height, width] = [reader.u32()?, reader.u32()?].map(|v| v as usize);
@@ -91,7 +92,7 @@ impl<'a> PointCloud<'a> {
         Ok(points)
     }
 
-    /// Checks that every point lies in the data.
+    /// Checks that all points are inside the data.
     fn check(&self) -> Result<()> {
         let ends = self.axes.iter().map(|axis| axis.end());
         let [step, row] = self.steps;
@@ -116,38 +117,39 @@ impl<'a> PointCloud<'a> {
         }
     }
 
-    /// Where each begins in the data, in the order of the message.
+    /// Offset of each point in the data, in the order of the message.
     fn starts(&self) -> impl Iterator<Item = usize> {
         let [width, height] = self.size;
         let [step, row] = self.steps;
         (0..height).flat_map(move |j| (0..width).map(move |i| j * row + i * step))
     }
 
-    /// The x, y, z of each, which need not be finite, in the order of the message.
+    /// x, y, z of each point, possibly not finite, in the order of the message.
     pub(crate) fn iter(&self) -> impl Iterator<Item = [f64; 3]> {
         self.starts().map(|start| self.position(start))
     }
 
-    /// What the field with the time of each point is called, and its type, if there is one.
+    /// Returns the name and type of the field with the time of each point, if there is one.
     pub(crate) fn time_field(&self) -> Option<(&str, u8)> {
         let (name, field) = self.time.as_ref()?;
         Some((name, field.kind))
     }
 
-    /// Whether times are whole numbers.
+    /// Whether times are integers.
     pub(crate) fn has_whole_times(&self) -> bool {
         self.time_field()
             .is_some_and(|(_, kind)| !matches!(kind, FLOAT32 | FLOAT64))
     }
 
-    /// As [`Self::iter`], each with its time as it is stored, if there are times.
+    /// [`Self::iter`] with the stored time of each point; `None` if points have no times.
     pub(crate) fn timed(&self) -> Option<impl Iterator<Item = ([f64; 3], f64)>> {
         let (_, field) = self.time.as_ref()?;
         let point = |start| (self.position(start), self.number(start, *field));
         Some(self.starts().map(point))
     }
 
-    /// Of the point that begins there. Zeros are no place, but what many scanners write where nothing came back.
+    /// Returns the position of the point at an offset. Zeros are NaN, because many scanners write them for pulses without a
+    /// return.
     fn position(&self, start: usize) -> [f64; 3] {
         let position = self.axes.map(|axis| self.number(start, axis));
         if position == [0.0; 3] {
@@ -157,7 +159,7 @@ impl<'a> PointCloud<'a> {
         }
     }
 
-    /// A number of the point that begins there.
+    /// Reads a number of the point at an offset.
     fn number(&self, start: usize, field: Field) -> f64 {
         macro_rules! number {
             ($type:ty) => {{
@@ -187,7 +189,7 @@ impl<'a> PointCloud<'a> {
 }
 
 impl Field {
-    /// How many it takes, if its type is known.
+    /// Size of the field in bytes, if its type is known.
     fn bytes(self) -> Option<usize> {
         match self.kind {
             1 | 2 => Some(1),
@@ -198,13 +200,13 @@ impl Field {
         }
     }
 
-    /// Where it ends in the bytes of a point.
+    /// Offset of its end in the bytes of a point.
     fn end(self) -> usize {
         self.offset.saturating_add(self.bytes().unwrap_or(0))
     }
 }
 
-/// A message of points with colours: x, y, z and the packed `rgb` that RViz shows.
+/// Writes a message of coloured points: x, y, z and the packed `rgb` that RViz shows.
 pub fn write_cloud(header: &Header, points: &[ColoredPoint]) -> Vec<u8> {
     let rows = points.iter().map(|point| {
         let ([x, y, z], [r, g, b]) = (point.position, point.color);
@@ -218,7 +220,7 @@ pub fn write_cloud(header: &Header, points: &[ColoredPoint]) -> Vec<u8> {
     write_points(header, ["x", "y", "z", "rgb"], rows)
 }
 
-/// A message of points with these fields, of 32-bit floating-point numbers: a row for each point.
+/// Writes a message of points with these fields of 32-bit floating-point numbers: a row for each point.
 pub fn write_points<const FIELDS: usize>(
     header: &Header,
     fields: [&str; FIELDS],
@@ -270,7 +272,7 @@ mod tests {
         assert_eq!(positions, [[0.5, -1.0, 2.0], [0.5, -1.0, 3.0]]);
     }
 
-    /// Doubles, the high bytes first, in rows with a gap, x after z.
+    /// Big-endian doubles, rows with padding, x after z.
     #[test]
     fn any_layout_is_read() {
         let mut writer = CdrWriter::with_capacity(0);

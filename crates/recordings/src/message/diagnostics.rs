@@ -1,41 +1,41 @@
-//! `diagnostic_msgs/msg/DiagnosticArray`: how parts of a robot are, for `rqt_robot_monitor` and the like.
+//! `diagnostic_msgs/msg/DiagnosticArray`: the state of the parts of a robot, for `rqt_robot_monitor` and the like.
 
 use super::{Header, Timestamp};
 use crate::cdr::CdrWriter;
 
-/// The type of these messages.
+/// Type of these messages.
 pub const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
-/// How a part is.
+/// Severity of the state of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum DiagnosticLevel {
-    /// As it should be.
+    /// It works as expected.
     Ok = 0,
-    /// It works, but not as well as it should.
+    /// It works, but with degraded results.
     Warn = 1,
     /// It does not work.
     Error = 2,
-    /// Nothing was heard for a while.
+    /// No data arrived for a while.
     Stale = 3,
 }
 
 /// The state of a part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DiagnosticStatus {
-    /// How it is.
+    /// Severity.
     pub level: DiagnosticLevel,
-    /// The part.
+    /// Name of the part.
     pub name: String,
-    /// What is the matter, in a line.
+    /// Description of the state, in one line.
     pub message: String,
-    /// The device.
+    /// Identifier of the device.
     pub hardware_id: String,
-    /// Names and their values.
+    /// Names and values of measurements.
     pub values: Vec<(String, String)>,
 }
 
-/// A message of the states of parts at a time.
+/// Writes a message with the states of parts at a time.
 pub fn write_diagnostics(stamp: Timestamp, parts: &[DiagnosticStatus]) -> Vec<u8> {
     let mut writer = CdrWriter::with_capacity(1024);
     let header = Header {
@@ -62,7 +62,7 @@ pub fn write_diagnostics(stamp: Timestamp, parts: &[DiagnosticStatus]) -> Vec<u8
 mod tests {
     use super::*;
 
-    /// As `rosbags` 0.11 serialises it.
+    /// The expected bytes were serialised by `rosbags` 0.11.
     #[test]
     fn the_message_is_that_of_ros() {
         const EXPECTED: &str = "000100000700000005000000010000000000000002000000010000000c0000006c7364633a20646570746800\

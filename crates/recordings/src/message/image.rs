@@ -10,7 +10,7 @@ use lsdc_files::error::{Error, Result};
 use lsdc_files::{StoredMap, Unit};
 use std::io::Cursor;
 
-/// The numbers of the pixels of a depth image, and their type.
+/// Values of the pixels of a depth image, and their stored type.
 type DepthNumbers = (Vec<f32>, NumberType);
 
 const U16: NumberType = NumberType::unsigned(16);
@@ -33,7 +33,7 @@ impl Raw<'_> {
                 .map(DynamicImage::ImageLuma16)
                 .ok_or_else(|| self.too_short());
         }
-        // Where red, green and blue are in the bytes of a pixel.
+        // Bytes of a pixel, and offsets of red, green and blue in them.
         let (pixel, [r, g, b]) = match encoding {
             "rgb8" => (3, [0, 1, 2]),
             "bgr8" | "8UC3" => (3, [2, 1, 0]),
@@ -76,10 +76,10 @@ impl Raw<'_> {
     }
 }
 
-/// The colours of a message of either type, and what should be checked of them.
+/// Decodes the colours of a message of either type, with a warning about them.
 ///
 /// # Errors
-/// A damaged message, one that was cut off, and an encoding that holds no colours that are known.
+/// The message is damaged or truncated, or its encoding has no supported colours.
 pub(crate) fn colours(
     kind: MessageType,
     message: &[u8],
@@ -97,10 +97,10 @@ pub(crate) fn colours(
     })
 }
 
-/// Width and height of the image of a message of either type.
+/// Reads the width and height of the image of a message of either type.
 ///
 /// # Errors
-/// As for [`colours`], as far as the size tells.
+/// As for [`colours`], as far as they concern the size.
 pub(crate) fn size_of(kind: MessageType, message: &[u8]) -> Result<(usize, usize)> {
     read_message(kind, message, |reader| {
         Header::read(reader)?;
@@ -118,10 +118,11 @@ pub(crate) fn size_of(kind: MessageType, message: &[u8]) -> Result<(usize, usize
     })
 }
 
-/// The depths of a message of either type. Without a unit whole numbers are millimetres and others metres (ROS REP 118).
+/// Decodes the depths of a message of either type. Without a unit, integers are millimetres and other numbers metres (ROS
+/// REP 118).
 ///
 /// # Errors
-/// A damaged message, and an encoding that holds no depths.
+/// The message is damaged, or its encoding has no depths.
 pub(crate) fn depths(kind: MessageType, message: &[u8], unit: Option<Unit>) -> Result<StoredMap> {
     read_message(kind, message, |reader| {
         Header::read(reader)?;
@@ -136,15 +137,15 @@ pub(crate) fn depths(kind: MessageType, message: &[u8], unit: Option<Unit>) -> R
     })
 }
 
-/// How many bytes an image may have that so many bytes hold.
+/// Returns the limit of the decoded size of compressed bytes.
 fn largest(bytes: &[u8]) -> u64 {
-    /// No image is larger.
+    /// Upper limit of any image.
     const LARGEST: u64 = 1 << 30;
-    // What deflate and JPEG can make of so many bytes.
+    // Largest expansion by deflate and JPEG.
     LARGEST.min((16 << 20).max(bytes.len() as u64 * 1100))
 }
 
-/// A JPEG or PNG, which is complete.
+/// Decodes a complete JPEG or PNG.
 fn decode(bytes: &[u8]) -> Result<DynamicImage> {
     check_jpeg(bytes).map_err(|cut_off| damaged(format!("cannot be used: {cut_off}")))?;
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
@@ -162,12 +163,12 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage> {
     }
 }
 
-/// Depths of a compressed image, by the format that its message names. The transport `compressedDepth` writes its kind of
-/// compression, two parameters, and a PNG or RVL; floating-point depths are stored as their inverses, in steps that these
-/// parameters say. The transport `compressed` writes a PNG alone, of whole numbers.
+/// Decodes the depths of a compressed image, by the format named in its message. The transport `compressedDepth` writes its
+/// kind of compression, two parameters, and a PNG or RVL; it quantises floating-point depths as inverse depths, with these
+/// parameters. The transport `compressed` writes only a PNG of integers.
 ///
 /// # Errors
-/// A damaged image, and one that holds no depths.
+/// The image is damaged, or has no depths.
 pub(crate) fn compressed_depths(
     format: &str,
     bytes: &[u8],
@@ -212,7 +213,7 @@ pub(crate) fn compressed_depths(
     Ok((size, numbers))
 }
 
-/// The size and the pixels of a PNG of 16 bits.
+/// Returns the size and the pixels of a 16-bit PNG.
 fn png(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
     match decode(bytes)? {
         DynamicImage::ImageLuma16(image) => {
@@ -226,14 +227,14 @@ fn png(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
     }
 }
 
-/// That a compressed image is of a format that holds no depths, or in a form that is not read.
+/// Error of a compressed image whose format has no depths or is not supported.
 fn unread_format(format: &str) -> Error {
     damaged(format!("is compressed as `{format}`, in which depths are not read")).hint(
         "depths are read as PNG of 16 bits by the transport compressed, and as PNG or RVL by compressedDepth; JPEG and TIFF are not",
     )
 }
 
-/// Width and height, and behind them the pixels by RVL.
+/// Decodes width and height, followed by the pixels in RVL.
 fn decode_rvl(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
     let (numbers, _) = bytes.as_chunks::<4>();
     let (Some(&[width, height]), Some(pixels)) = (numbers.first_chunk(), bytes.get(8..)) else {
@@ -251,8 +252,8 @@ fn decode_rvl(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
     Ok(((width, height), rvl::decode(pixels, count)?))
 }
 
-/// A message of depths: metres as `32FC1`, or whole millimetres as `16UC1`, where depths beyond 65.535 m are none; and
-/// how many those are.
+/// Writes a message of depths: metres as `32FC1`, or whole millimetres as `16UC1`, where depths beyond 65.535 m are left
+/// out. Returns the message and how many were left out.
 pub fn write_depth(header: &Header, depth: &DepthMap, millimetres: bool) -> (Vec<u8>, usize) {
     let (width, height) = (depth.width(), depth.height());
     let bytes = if millimetres { 2 } else { 4 };
@@ -268,7 +269,7 @@ pub fn write_depth(header: &Header, depth: &DepthMap, millimetres: bool) -> (Vec
     let data: Vec<u8> = if millimetres {
         let stored = |&depth: &f32| {
             let value = (f64::from(depth) * 1000.0).round();
-            // What is seen is not made unseen by rounding.
+            // Rounding must not turn a measurement into 0, which means no depth.
             let value = if depth > 0.0 { value.max(1.0) } else { 0.0 };
             let fits = value <= f64::from(u16::MAX);
             lost += usize::from(!fits);
@@ -348,7 +349,7 @@ mod tests {
         assert_eq!((found.unit, lost), (Unit::MILLIMETRE, 1));
     }
 
-    /// A PNG of these pixels of 16 bits.
+    /// A 16-bit PNG of these pixels.
     fn png_of(width: u32, values: &[u16]) -> Vec<u8> {
         let height = values.len() as u32 / width;
         let image =
@@ -373,7 +374,7 @@ mod tests {
             ("mono16; png compressed", &alone),
             ("16UC1; compressedDepth png", &parameters),
             ("16UC1; compressedDepth", &parameters),
-            // Some name the other transport; the bytes decide.
+            // Some senders name the other transport; the bytes decide.
             ("16UC1; compressedDepth png", &alone),
         ] {
             let found = compressed_depths(format, bytes).unwrap();

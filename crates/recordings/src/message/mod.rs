@@ -1,4 +1,4 @@
-//! The messages that are read and written: one type a file.
+//! The messages that are read and written: one type per file.
 
 mod bayer;
 mod camera_info;
@@ -23,7 +23,7 @@ pub(crate) use transform::transforms;
 use crate::cdr::{CdrReader, CdrWriter};
 use lsdc_files::error::{Error, Result};
 
-/// The types of messages that are known.
+/// The supported message types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MessageType {
     /// `sensor_msgs/msg/Image`.
@@ -39,7 +39,7 @@ pub enum MessageType {
 }
 
 impl MessageType {
-    /// All of them.
+    /// All types.
     pub const ALL: [Self; 5] = [
         Self::Image,
         Self::CompressedImage,
@@ -48,7 +48,7 @@ impl MessageType {
         Self::Transforms,
     ];
 
-    /// As it is called in recordings.
+    /// Returns the name of the type in recordings.
     pub fn name(self) -> &'static str {
         match self {
             Self::Image => "sensor_msgs/msg/Image",
@@ -59,19 +59,19 @@ impl MessageType {
         }
     }
 
-    /// By the name in a recording.
+    /// Returns the type with a name, as written in recordings.
     pub fn of(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
-/// When a message was measured: nanoseconds since 1970.
+/// Time of a measurement, in nanoseconds since 1970.
 pub type Timestamp = i64;
 
-/// What most messages begin with.
+/// The header of most messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Header {
-    /// When it was measured.
+    /// Time of the measurement.
     pub stamp: Timestamp,
     /// The frame of reference.
     pub frame: String,
@@ -80,10 +80,10 @@ pub struct Header {
 const SECOND: i64 = 1_000_000_000;
 
 impl Header {
-    /// Of a message that begins with one.
+    /// Reads the header at the start of a message.
     ///
     /// # Errors
-    /// A message that does not.
+    /// The message does not start with a header.
     pub fn of(message: &[u8]) -> Result<Self> {
         Self::read(&mut CdrReader::new(message)?)
     }
@@ -92,7 +92,7 @@ impl Header {
         let (seconds, rest) = (reader.i32()?, reader.u32()?);
         Ok(Self {
             stamp: i64::from(seconds) * SECOND + i64::from(rest),
-            // Names of the first version of tf begin so.
+            // The first version of tf puts a slash before names.
             frame: reader.string()?.trim_start_matches('/').to_owned(),
         })
     }

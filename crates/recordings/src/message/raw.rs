@@ -3,12 +3,12 @@
 use crate::cdr::{CdrReader, damaged};
 use lsdc_files::error::{Error, Result};
 
-/// An image before its pixels are looked at.
+/// An image whose pixels have not been decoded.
 pub(super) struct Raw<'a> {
     pub(super) size: (usize, usize),
     pub(super) encoding: String,
     pub(super) big_endian: bool,
-    /// Bytes from a row to the next.
+    /// Bytes from one row to the next.
     pub(super) step: usize,
     pub(super) data: &'a [u8],
 }
@@ -27,12 +27,12 @@ impl<'a> Raw<'a> {
         })
     }
 
-    /// The bytes of each row, of pixels of so many bytes.
+    /// Returns the bytes of each row, of pixels of `pixel` bytes.
     pub(super) fn rows(&self, pixel: usize) -> Result<impl Iterator<Item = &'a [u8]>> {
         self.rows_of(self.size.0, pixel)
     }
 
-    /// The bytes of each row, which has so many groups of so many bytes.
+    /// Returns the bytes of each row, which has `groups` groups of `bytes` bytes.
     pub(super) fn rows_of(
         &self,
         groups: usize,
@@ -49,7 +49,7 @@ impl<'a> Raw<'a> {
         }
     }
 
-    /// That there are fewer bytes than the pixels need.
+    /// Error of an image with fewer bytes than its pixels need.
     pub(super) fn too_short(&self) -> Error {
         let ((width, height), step) = (self.size, self.step);
         damaged(format!(
@@ -59,7 +59,7 @@ impl<'a> Raw<'a> {
         ))
     }
 
-    /// Pixels of one number each, by its conversions from big-endian and little-endian bytes.
+    /// Decodes pixels of one number each, by its conversions from big-endian and little-endian bytes.
     pub(super) fn numbers<T, const N: usize>(
         &self,
         from_be: impl Fn([u8; N]) -> T,
@@ -77,7 +77,7 @@ impl<'a> Raw<'a> {
         Ok(pixels.map(number))
     }
 
-    /// Pixels that are integers of 16 bits.
+    /// Decodes pixels that are 16-bit integers.
     pub(super) fn numbers_u16(&self) -> Result<impl Iterator<Item = u16>> {
         self.numbers(u16::from_be_bytes, u16::from_le_bytes)
     }

@@ -1,17 +1,17 @@
-//! RVL: depths of 16 bits in runs of zeros and of differences (Wilson 2017, "Fast lossless depth image compression").
+//! RVL: 16-bit depths as runs of zeros and of differences (Wilson 2017, "Fast lossless depth image compression").
 
 use crate::cdr::damaged;
 use lsdc_files::error::Result;
 
-/// The values of so many pixels, none of which is allocated for before it is known to be there, but for zeros.
+/// Decodes `count` pixels. Memory is allocated only for values that are present, except for runs of zeros.
 ///
 /// # Errors
-/// Bytes that end too early, runs that are longer than the image, and values that 16 bits do not hold.
+/// The bytes end too early, a run is longer than the image, or a value does not fit in 16 bits.
 pub(super) fn decode(bytes: &[u8], count: usize) -> Result<Vec<u16>> {
     let (words, _) = bytes.as_chunks();
     let mut numbers = Numbers { words, at: 0 };
     let mut values = Vec::new();
-    // Each run of zeros is followed by one of other values, each as its difference from that before.
+    // Each run of zeros is followed by a run of other values, each stored as its difference from the previous one.
     let mut last = 0_i64;
     while values.len() < count {
         let zeros = numbers.next()? as usize;
@@ -37,17 +37,17 @@ pub(super) fn decode(bytes: &[u8], count: usize) -> Result<Vec<u16>> {
     Ok(values)
 }
 
-/// Numbers of any length: three bits in each half of a byte, the lowest first, and one that says whether more follow. Eight
-/// such halves are a word, the first in its highest bits; the low bytes of words come first.
+/// Numbers of variable length, in nibbles of three bits, the lowest first, and a flag for more nibbles. A word is eight
+/// nibbles, the first in its highest bits; words are little-endian.
 struct Numbers<'a> {
     words: &'a [[u8; 4]],
-    /// In halves of bytes.
+    /// Position in nibbles.
     at: usize,
 }
 
 impl Numbers<'_> {
     fn next(&mut self) -> Result<u32> {
-        /// Whether more follow.
+        /// Flag of a nibble that is followed by another one.
         const MORE: u32 = 8;
         let mut value = 0;
         // No number has more than 31 bits.
@@ -70,14 +70,14 @@ impl Numbers<'_> {
 mod tests {
     use super::*;
 
-    /// Words of halves of bytes, as digits.
+    /// Words written as hexadecimal digits.
     fn words(text: &str) -> Vec<u8> {
         let words = text.split(' ');
         let words = words.map(|word| u32::from_str_radix(word, 16).unwrap());
         words.flat_map(u32::to_le_bytes).collect()
     }
 
-    /// As the program of the publication writes it.
+    /// Bytes as written by the program of the publication.
     #[test]
     fn runs_and_differences() {
         let bytes = words("33a12212 8efff3bf fff31000");

@@ -1,29 +1,29 @@
-//! `tf2_msgs/msg/TFMessage`: where frames of reference are.
+//! `tf2_msgs/msg/TFMessage`: poses of frames of reference.
 
 use super::{Header, MessageType, Timestamp, read_message};
 use crate::rigid::Rigid;
 use lsdc_files::error::Result;
 
-/// Where a frame is in another one.
+/// The pose of a frame in another one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransformStamped {
-    /// When.
+    /// Time of the pose.
     pub stamp: Timestamp,
-    /// The frame that it is in.
+    /// Frame in which the pose is given.
     pub parent: String,
-    /// The frame that is there.
+    /// Frame whose pose is given.
     pub child: String,
-    /// From the child's coordinates to the parent's.
+    /// Transform from the child's coordinates to the parent's.
     pub rigid: Rigid,
 }
 
-/// The transforms of a message. Those that are none, with numbers that are not finite or a rotation of length 0, are
-/// counted.
+/// Reads the transforms of a message. Returns the valid ones and the number of invalid ones, which have non-finite numbers
+/// or a rotation of length 0.
 ///
 /// # Errors
-/// A damaged message.
+/// The message is damaged.
 pub(crate) fn transforms(message: &[u8]) -> Result<(Vec<TransformStamped>, usize)> {
-    /// Of a transform without names.
+    /// Size of a transform without names, in bytes.
     const LEAST: usize = 72;
     read_message(MessageType::Transforms, message, |reader| {
         let count = reader.length(LEAST)?;

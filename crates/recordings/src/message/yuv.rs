@@ -1,20 +1,21 @@
-//! Colours from brightness and two differences of colour: YUV, which cameras and video decoders deliver.
+//! Colours from luma and two colour differences: YUV, which cameras and video decoders deliver.
 
 use super::raw::Raw;
 use crate::cdr::damaged;
 use image::RgbImage;
 use lsdc_files::error::Result;
 
-/// How the bytes of an image lie.
+/// Byte layout of an image.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Layout {
-    /// Two pixels in four bytes: where in these the brightness of both, U and V are.
+    /// Two pixels in four bytes: offsets of both luma values, and of U and V.
     Packed { y: [usize; 2], uv: [usize; 2] },
-    /// Brightness, and behind it pairs of U and V for blocks of so many columns and rows of pixels; where in a pair they are.
+    /// A luma plane, followed by pairs of U and V for square blocks of pixels of this side length; offsets of U and V in a
+    /// pair.
     Planes { block: usize, uv: [usize; 2] },
 }
 
-/// The layout that an encoding names.
+/// Returns the layout of an encoding.
 pub(super) fn layout(encoding: &str) -> Option<Layout> {
     let packed = |y, uv| Layout::Packed { y, uv };
     let planes = |block, uv| Layout::Planes { block, uv };
@@ -28,16 +29,16 @@ pub(super) fn layout(encoding: &str) -> Option<Layout> {
     })
 }
 
-/// The colours of an image, each pixel with the U and V of its pair or block.
+/// Decodes the colours of an image; pixels share the U and V of their pair or block.
 ///
 /// # Errors
-/// Fewer bytes than the pixels need.
+/// There are fewer bytes than the pixels need.
 pub(super) fn colours(raw: &Raw<'_>, layout: Layout) -> Result<RgbImage> {
     let (width, height) = raw.size;
     let mut values = Vec::new();
     match layout {
         Layout::Packed { y, uv: [u, v] } => {
-            // A pair at the end of a row is whole, though its second pixel may be outside.
+            // A pair at the end of a row is complete, though its second pixel may be outside the image.
             let rows = raw.rows_of(width.div_ceil(2), 4)?;
             for row in rows {
                 let (pairs, _) = row.as_chunks::<4>();
@@ -64,7 +65,7 @@ pub(super) fn colours(raw: &Raw<'_>, layout: Layout) -> Result<RgbImage> {
 /// Rows of bytes.
 struct Plane<'a> {
     data: &'a [u8],
-    /// Bytes from a row to the next, and those that count.
+    /// Bytes from one row to the next and, below, those in use.
     step: usize,
     long: usize,
 }
@@ -76,9 +77,9 @@ impl<'a> Plane<'a> {
     }
 }
 
-/// The two planes of an image: brightness, and pairs of U and V for blocks of pixels. A row of pairs has the bytes of a row
-/// of brightness for each pair in a block's width. What says so many bytes a row and has none between them is read as
-/// it is: programs do not agree on the first for planes.
+/// Returns the two planes of an image: luma, and pairs of U and V for blocks of pixels. The step of a row of pairs is
+/// 2 / `block` times that of a luma row. If the data is too short for the given step but has the exact size without padding,
+/// the step is ignored: programs disagree on its meaning for planes.
 fn planes<'a>(raw: &Raw<'a>, block: usize) -> Result<[Plane<'a>; 2]> {
     let ((width, height), data) = (raw.size, raw.data);
     let found = |step: usize, pairs_step: usize| {
@@ -108,7 +109,7 @@ fn planes<'a>(raw: &Raw<'a>, block: usize) -> Result<[Plane<'a>; 2]> {
     stepped.or_else(tight).ok_or_else(|| raw.too_short())
 }
 
-/// ITU-R BT.601 with brightness from 16 to 235, in whole numbers of 20 bits as OpenCV has it.
+/// Converts ITU-R BT.601 with luma from 16 to 235, in 20-bit fixed point as in OpenCV.
 fn rgb(y: u8, u: u8, v: u8) -> [u8; 3] {
     const BITS: u32 = 20;
     let y = (i32::from(y) - 16).max(0) * 1_220_542 + (1 << (BITS - 1));
@@ -144,7 +145,7 @@ mod tests {
         assert_eq!(rgb(126, 128, 128), [128; 3]);
     }
 
-    /// Rows of brightness with gaps, an odd width and height; the same without gaps, whatever the step says.
+    /// Luma rows with padding, an odd width and height; the same without padding, whatever the step.
     #[test]
     fn planes_may_have_gaps() {
         let [a, b] = [rgb(100, 50, 200), rgb(200, 90, 30)];

@@ -1,4 +1,4 @@
-//! Whole recordings, those that are cut off, and those that are written.
+//! Complete, truncated, and written recordings.
 
 use super::golden;
 use crate::container::MessageLocation;
@@ -59,7 +59,7 @@ fn chunks_without_what_is_wanted_are_passed_over() {
     }
 }
 
-/// The rates are those that the script writes.
+/// The expected rates are those of the script.
 #[test]
 fn messages_are_counted() {
     let survey = survey(&golden("drive.mcap"));
@@ -79,7 +79,7 @@ fn messages_are_counted() {
     assert_eq!(last - first, 604_000_000);
 }
 
-/// Whatever is missing at the end, what is before it is read.
+/// A truncated recording is read up to its end.
 #[test]
 fn a_recording_that_is_cut_off_is_read_up_to_there() {
     let folder = tempfile::tempdir().unwrap();
@@ -99,7 +99,7 @@ fn a_recording_that_is_cut_off_is_read_up_to_there() {
             counts.push(count(&found));
         }
         assert!(counts.is_sorted(), "{name}: {counts:?}");
-        // The tables of a bag lie behind what its types are made of.
+        // In a bag, the tables are stored after the definitions of the types.
         let last = counts[counts.len() - 1];
         assert!(
             counts.iter().any(|count| (1..last).contains(count)),

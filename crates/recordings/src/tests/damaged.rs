@@ -34,7 +34,7 @@ fn damaged_messages_do_no_harm() {
     assert!(refused > 1000, "{refused}");
 }
 
-/// What the fuzz target `node` calls, with a drive and its damaged copies: each image is returned once.
+/// The entry point of the fuzz target `node`, with a drive and its damaged copies: each image is returned once.
 #[test]
 fn a_running_robot_that_sends_anything_does_no_harm() {
     let intact = messages(&golden("drive.mcap"));
@@ -61,7 +61,7 @@ fn a_running_robot_that_sends_anything_does_no_harm() {
             session.extend((data.len() as u16).to_le_bytes());
             session.extend(data);
         }
-        // And no message at all.
+        // Random bytes at the end.
         session.extend((0..rng.below(600)).map(|_| rng.below(256) as u8));
         let [images, returned, frames] = live(&session);
         assert!(images >= 6);

@@ -10,7 +10,8 @@ fn frames(options: &FrameOptions) -> lsdc_files::error::Result<(Recording, Frame
     Ok((recording, frames))
 }
 
-/// Static transforms, and dynamic ones between the times of points and image; the lens; what is behind the camera.
+/// Covers static transforms, dynamic ones between the times of points and image, lens distortion, and points behind the
+/// camera.
 #[test]
 fn points_are_where_opencv_projects_them() {
     let (mut recording, frames) = frames(&FrameOptions::default()).unwrap();
@@ -32,7 +33,7 @@ fn points_are_where_opencv_projects_them() {
             .map(numbers)
             .collect();
         let found = &loaded.points;
-        // What lies at the very border may be on either side of it.
+        // Points on the border may fall on either side of it.
         let all = found.points.len() + found.hidden;
         assert!(
             positions.len() > 100 && all.abs_diff(positions.len()) <= 2,
@@ -153,7 +154,7 @@ fn the_camera_is_where_the_car_drove() {
         for (found, expected) in seen.into_iter().zip([0.0, -1.0, 2.0]) {
             assert!((found - expected).abs() < 1e-6, "{seen:?}");
         }
-        // Without its image, a frame has the same points.
+        // Decoding only the points gives the same points.
         let read = frames.read(&mut recording, frame).unwrap();
         let (whole, points) = (
             read.decode(&frames).unwrap(),

@@ -23,7 +23,7 @@ fn frames(name: &str, options: &FrameOptions) -> (Recording, Frames) {
 
 type Outcome = Result<LiveFrame, crate::DroppedFrame>;
 
-/// The outcome for every image of the messages, which are received at the times that they were recorded.
+/// Returns the outcome of every image. The messages are received at the times at which they were recorded.
 fn outcomes_of(live: &mut LiveFrames, messages: &[Sent], start: Duration) -> Vec<Outcome> {
     let mut found = Vec::new();
     let first = messages[0].log;
@@ -48,7 +48,7 @@ fn live(topics: &FrameTopics, options: &FrameOptions) -> LiveFrames {
     LiveFrames::new(topics.clone(), options, PATIENCE)
 }
 
-/// Points, images and what is counted, bit for bit.
+/// Checks that points, images and counts equal those of the recording, bit for bit.
 fn assert_same(name: &str, options: &FrameOptions) -> usize {
     assert_same_in(&golden(name), options)
 }
@@ -113,7 +113,7 @@ fn frames_are_those_of_the_recording() {
     }
 }
 
-/// A camera whose focal length changes in the middle: each image has its own, as in the recording.
+/// The focal length changes in the middle: each image gets its own, as in the recording.
 #[test]
 fn a_calibration_that_changes_is_that_of_each_image() {
     let options = FrameOptions::default();
@@ -151,7 +151,7 @@ fn a_calibration_that_changes_is_that_of_each_image() {
     assert_eq!(assert_same_in(&path, &options), frames.found.len());
 }
 
-/// A recording that is played twice: its clock is set back, and its frames are the same again.
+/// A recording that is played twice: the clock is set back, and the same frames follow.
 #[test]
 fn a_recording_that_starts_again_gives_the_same_frames() {
     let options = FrameOptions::default();
@@ -174,12 +174,12 @@ fn a_recording_that_starts_again_gives_the_same_frames() {
         points.collect::<Vec<_>>()
     };
     assert_eq!(points(&first).len(), 4);
-    // All but those whose first messages are taken for disorder until the clock is known to be set back.
+    // The first messages count as out of order until the clock is known to be set back.
     let (first, second) = (points(&first), points(&second));
     assert!(second.len() >= 3 && second.iter().all(|frame| first.contains(frame)));
 }
 
-/// Without transforms images wait, are dropped for that reason, and are completed once there are some.
+/// Without transforms images wait, are dropped for that reason, and are completed once transforms arrive.
 #[test]
 fn what_is_lacking_is_named_until_it_comes() {
     let options = FrameOptions::default();
@@ -192,13 +192,13 @@ fn what_is_lacking_is_named_until_it_comes() {
     let not_ready = |outcome: &&Outcome| matches!(outcome, Err(dropped) if matches!(dropped.reason, DropReason::NotReady(_)));
     assert_eq!(outcomes.iter().filter(not_ready).count(), 5);
     assert!(live.lacking().unwrap().contains("no transforms lead"));
-    // They come after all, while the clock starts again.
+    // The transforms arrive, and the clock restarts.
     let outcomes = outcomes_of(&mut live, &all, Duration::from_secs(100));
     assert!(outcomes.iter().any(Result::is_ok));
     assert_eq!(live.lacking(), None);
 }
 
-/// Images that come faster than they are asked for leave the oldest behind; each is accounted for.
+/// If images arrive faster than they are taken, the oldest are dropped; each is accounted for.
 #[test]
 fn memory_is_bounded_and_every_image_accounted_for() {
     let options = FrameOptions::default();
@@ -211,7 +211,7 @@ fn memory_is_bounded_and_every_image_accounted_for() {
     for step in 0..100_u64 {
         for message in [of(image), of(points)] {
             let mut data = message.data.clone();
-            // The seconds of the stamp, behind the four bytes at the start.
+            // The seconds of the stamp, after the four-byte header.
             data[4..8].copy_from_slice(&(step as u32).to_le_bytes());
             let receipt = Receipt {
                 at: Duration::from_micros(step),
@@ -230,7 +230,7 @@ fn memory_is_bounded_and_every_image_accounted_for() {
     assert_eq!((outcomes.len(), live.counts().images), (100, 100));
 }
 
-/// Damaged copies between intact messages are counted, and the intact frames are completed all the same.
+/// Damaged copies between intact messages are counted, and the intact frames are still completed.
 #[test]
 fn damaged_messages_do_no_harm() {
     let options = FrameOptions {
@@ -245,7 +245,7 @@ fn damaged_messages_do_no_harm() {
         let mut mixed = Vec::new();
         for message in &intact {
             mixed.push(message.clone());
-            // Motion may be wrong, but no message is waited for twice.
+            // Poses may be wrong, but no image is returned twice.
             if rng.chance(0.5) {
                 mixed.push(Sent {
                     data: damaged(&message.data, 0.3, &mut rng),
@@ -267,7 +267,7 @@ fn damaged_messages_do_no_harm() {
     assert!(completed > 40, "{completed}");
 }
 
-/// The camera of the depths is that of the image, with its stamp and frame.
+/// The camera of a frame is that of its image, with its stamp and frame.
 #[test]
 fn frames_have_the_camera_of_their_image() {
     let options = FrameOptions::default();

@@ -12,7 +12,7 @@ mod types;
 use sent::golden;
 use serde_json::Value;
 
-/// What NumPy and OpenCV make of them.
+/// Expected values from NumPy and OpenCV.
 fn expected() -> Value {
     let text = std::fs::read_to_string(golden("expected.json")).unwrap();
     serde_json::from_str(&text).unwrap()

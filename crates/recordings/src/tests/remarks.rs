@@ -1,4 +1,4 @@
-//! What a recording assumes, contradicts or leaves out is said, and points are where its cameras see them.
+//! Assumptions, contradictions and omissions are reported, and points are projected correctly.
 
 use crate::cdr::CdrWriter as Message;
 use crate::container::MessageLocation;
@@ -18,7 +18,7 @@ const TIMES: MessageTimes = MessageTimes {
     publish: STAMP as u64,
 };
 
-/// A message that begins with a frame of reference.
+/// A message that starts with a header.
 fn message(frame: &str) -> Message {
     let mut message = Message::with_capacity(0);
     let header = Header {
@@ -45,7 +45,7 @@ fn grey(frame: &str, size: (u32, u32)) -> Vec<u8> {
     image(frame, "mono8", size, &data)
 }
 
-/// Depths in metres.
+/// A depth image in metres.
 fn depth(frame: &str, size: (u32, u32), at: impl Fn(u32, u32) -> f32) -> Vec<u8> {
     let pixels = (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v)));
     let data: Vec<u8> = pixels.flat_map(|(u, v)| at(u, v).to_le_bytes()).collect();
@@ -107,7 +107,7 @@ fn cloud(frame: &str, points: &[[f64; 3]]) -> Vec<u8> {
     write_cloud(&header, &points.iter().map(colored).collect::<Vec<_>>())
 }
 
-/// That `child` is at a place in `parent`.
+/// A transform that places `child` in `parent`.
 fn transform(parent: &str, child: &str, position: [f64; 3]) -> Vec<u8> {
     let mut message = Message::with_capacity(0);
     message.u32(1);
@@ -136,7 +136,7 @@ fn written(path: &Path, messages: Messages<'_>) -> Recording {
     Recording::open(path).unwrap()
 }
 
-/// The only frame of a recording with these topics of images and points, and what is said of the recording.
+/// The only frame of a recording with these topics of images and points, and the remarks about the recording.
 fn completed(
     [image, points]: [&str; 2],
     messages: Messages<'_>,
@@ -163,7 +163,7 @@ fn positions(loaded: &DecodedFrame) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// That one place is found, in pixels and metres.
+/// Checks that the only point is at a position, in pixels and metres.
 fn found(loaded: &DecodedFrame, expected: [f64; 3]) {
     let found = positions(loaded);
     assert_eq!(found.len(), 1, "{found:?}");
@@ -174,7 +174,7 @@ fn found(loaded: &DecodedFrame, expected: [f64; 3]) {
     );
 }
 
-/// That words are in one of the remarks, of which there are so many.
+/// Checks the number of remarks, and that one of them contains all words.
 fn assert_remarks(remarks: &[String], count: usize, words: &[&str]) {
     assert_eq!(remarks.len(), count, "{remarks:?}");
     let all = |remark: &String| words.iter().all(|word| remark.contains(word));
@@ -215,7 +215,7 @@ fn the_second_camera_of_a_stereo_pair_is_beside_the_frame_of_the_first() {
         ];
         own.into_iter().chain(more).collect::<Vec<_>>()
     };
-    // Both are in the frame of the first.
+    // Both cameras use the frame of the first.
     let (loaded, remarks) = completed(topics, &messages("left", Vec::new())).unwrap();
     found(&loaded, expected);
     assert_remarks(
@@ -223,14 +223,14 @@ fn the_second_camera_of_a_stereo_pair_is_beside_the_frame_of_the_first() {
         1,
         &["fourth column of P", "0.1200 m", "moved by the baseline"],
     );
-    // The cloud that is made of the result is in that frame, too.
+    // Back-projected points are in that frame, too.
     let camera = loaded.camera.unwrap();
     let back = camera.unproject([expected[0], expected[1]], 4.0).unwrap();
     assert!(
         back.iter().zip(POINT).all(|(a, b)| (a - b).abs() < 1e-5),
         "{back:?}"
     );
-    // The second has a frame of its own, which transforms place at its place.
+    // The second camera has its own frame, placed by transforms.
     let beside = transform("left", "right", [BASELINE, 0.0, 0.0]);
     let own = messages(
         "right",
@@ -247,7 +247,7 @@ fn the_second_camera_of_a_stereo_pair_is_beside_the_frame_of_the_first() {
             "at the origin of `right`",
         ],
     );
-    // Of the image before it was rectified P says nothing, but this.
+    // Of unrectified images, only the baseline is read from P.
     let raw = ["/right/image_raw", "/points"];
     let mut unrectified = messages("left", Vec::new());
     unrectified[0].0 = raw[0];
@@ -259,7 +259,7 @@ fn the_second_camera_of_a_stereo_pair_is_beside_the_frame_of_the_first() {
     );
 }
 
-/// The name of a topic says `image_rect` or not, whatever else is in it; what the numbers say against it is said.
+/// Whether images are rectified follows from the name of their topic; contradicting parameters are reported.
 #[test]
 fn rectified_images_are_those_of_topics_called_so() {
     for (image, p_counts) in [
@@ -296,7 +296,7 @@ fn rectified_images_are_those_of_topics_called_so() {
             "P (fx 112, cx 80) differs from K (fx 140, cx 80)",
         ];
         assert_remarks(&loaded.points.remarks, 1, &words);
-        // Nothing contradicts.
+        // No contradiction.
         let (loaded, _) = run(&info("cam", 140.0)).unwrap();
         assert_remarks(&loaded.points.remarks, 0, &[]);
         // 30 degrees about the optical axis.
@@ -309,7 +309,7 @@ fn rectified_images_are_those_of_topics_called_so() {
             1,
             &["R is a rotation of 30.00 degrees"],
         );
-        // Nothing to see with.
+        // An uncalibrated camera.
         let mut blind = info("cam", 140.0);
         if p_counts {
             blind.p = [0.0; 12];
@@ -328,7 +328,7 @@ fn rectified_images_are_those_of_topics_called_so() {
 
 const BOTH: [&str; 2] = ["/color/image_raw", "/depth/image"];
 
-/// Images and depths of one pixel at 2 m, both in the frame `cam`.
+/// Decodes an image and a depth image with one pixel at 2 m, both in the frame `cam`.
 fn depth_camera(color: &Info, depths: Option<&Info>) -> Result<(DecodedFrame, Vec<String>)> {
     let one = |u, v| if (u, v) == (100, 30) { 2.0 } else { 0.0 };
     let mut messages = vec![
@@ -356,7 +356,7 @@ fn depths_in_the_frame_of_the_image_are_registered_only_if_the_cameras_agree() {
     let (loaded, remarks) = depth_camera(&own, Some(&own)).unwrap();
     found(&loaded, [100.0, 30.0, 2.0]);
     assert_remarks(&remarks, 0, &[]);
-    // Half the focal length: 20 pixels right of the middle are 40 there.
+    // Half the focal length: 20 pixels right of the centre are 40 in the image.
     let (loaded, remarks) = depth_camera(&own, Some(&info("cam", 70.0))).unwrap();
     found(&loaded, [80.0 + 40.0, 60.0 - 60.0, 2.0]);
     assert_remarks(
@@ -379,7 +379,7 @@ fn depths_in_the_frame_of_the_image_are_registered_only_if_the_cameras_agree() {
         [80.0 + 140.0 * x * radial, 60.0 + 140.0 * y * radial, 2.0],
     );
     assert_remarks(&remarks, 1, &["differ by up to", "radtan"]);
-    // Nothing to compare with.
+    // No camera to compare with.
     let (loaded, remarks) = depth_camera(&own, None).unwrap();
     found(&loaded, [100.0, 30.0, 2.0]);
     assert_remarks(
@@ -479,7 +479,7 @@ fn lenses_that_are_not_named_or_known_are_said() {
     );
     let (loaded, _) = run("equidistant", &bent).unwrap();
     assert_remarks(&loaded.points.remarks, 0, &[]);
-    // A fisheye without coefficients is one: r = f theta.
+    // A fisheye lens may have no coefficients: r = f theta.
     let (loaded, _) = run("equidistant", &[0.0; 4]).unwrap();
     let radius = (POINT[0] / POINT[2]).hypot(POINT[1] / POINT[2]);
     let factor = 140.0 * radius.atan() / radius;
@@ -504,7 +504,7 @@ fn lenses_that_are_not_named_or_known_are_said() {
     );
 }
 
-/// As Foxglove records, and bags of ROS 1.
+/// Encodings of Foxglove, and of ROS 1 bags.
 #[test]
 fn messages_of_another_encoding_are_named() {
     let folder = tempfile::tempdir().unwrap();
@@ -592,7 +592,7 @@ fn bags_of_ros_1_are_named() {
     assert!(error.advice().unwrap().contains("rosbags-convert"));
 }
 
-/// Depths of 160x120 pixels by a value, in the frame and by the camera of the image.
+/// Decodes a depth image of 160x120 pixels, in the frame and with the camera of the image.
 fn depths(message: Vec<u8>, kind: MessageType) -> DecodedFrame {
     let own = info("cam", 140.0).message();
     let messages = [
@@ -604,7 +604,7 @@ fn depths(message: Vec<u8>, kind: MessageType) -> DecodedFrame {
     completed(BOTH, &messages).unwrap().0
 }
 
-/// Whole numbers of 16 bits.
+/// An image of 16-bit integers.
 fn whole(encoding: &str, at: impl Fn(u32) -> u16) -> Vec<u8> {
     let data: Vec<u8> = (0..160 * 120).flat_map(|i| at(i).to_le_bytes()).collect();
     image("cam", encoding, (160, 120), &data)
@@ -612,7 +612,7 @@ fn whole(encoding: &str, at: impl Fn(u32) -> u16) -> Vec<u8> {
 
 #[test]
 fn depths_of_messages_are_doubted_as_those_of_files() {
-    // Millimetres in floating-point numbers.
+    // Millimetres stored as floating-point numbers.
     let loaded = depths(
         depth("cam", (160, 120), |u, _| 2000.0 + u as f32),
         MessageType::Image,
@@ -626,7 +626,7 @@ fn depths_of_messages_are_doubted_as_those_of_files() {
             "--depth-unit",
         ],
     );
-    // The largest number of the type is no measurement.
+    // The largest value of the type is not a measurement.
     let marked = whole("16UC1", |i| {
         if i < 4000 {
             65535
@@ -689,7 +689,7 @@ fn clouds_in_millimetres_are_doubted_and_read_in_the_unit_that_is_given() {
     }
 }
 
-/// A JPEG or PNG of an image as a message.
+/// A message of a JPEG or PNG image.
 fn packed(format: &str, bytes: &[u8]) -> Vec<u8> {
     let mut message = message("cam");
     message.string(format);
@@ -703,7 +703,7 @@ fn encoded(image: &image::DynamicImage, format: image::ImageFormat) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// What is completed with an image of these bytes.
+/// Decodes a frame with an image of these bytes.
 fn colours(kind: MessageType, data: Vec<u8>) -> Result<DecodedFrame> {
     let messages = [
         ("/cam/image", kind, data),

@@ -1,4 +1,4 @@
-//! Messages of a recording that are sent one by one, and damaged. The tests of `lsdc-node` include this file.
+//! Messages of a recording, sent one by one or damaged. The tests of `lsdc-node` include this file.
 
 use lsdc_recordings::{FrameOptions, Frames, Recording};
 use lsdc_rng::Rng;
@@ -15,7 +15,7 @@ pub(super) fn golden(name: &str) -> PathBuf {
 #[derive(Clone)]
 pub(super) struct Sent {
     pub(super) topic: String,
-    /// In nanoseconds.
+    /// Time of recording in nanoseconds.
     pub(super) log: u64,
     pub(super) data: Vec<u8>,
 }
@@ -41,11 +41,11 @@ pub(super) fn frames(path: &Path, options: &FrameOptions) -> (Recording, Frames)
     (recording, frames)
 }
 
-/// The same messages with stamps of an earlier time. Messages of transforms have one each.
+/// The same messages with earlier stamps. Messages of transforms contain one each.
 pub(super) fn earlier(messages: &[Sent], seconds: i32) -> Vec<Sent> {
     let shifted = |message: &Sent| {
         let mut message = message.clone();
-        // Behind the start of CDR, and the number of transforms.
+        // After the CDR header, and the number of transforms.
         let at = if message.topic.starts_with("/tf") {
             8
         } else {
@@ -58,7 +58,7 @@ pub(super) fn earlier(messages: &[Sent], seconds: i32) -> Vec<Sent> {
     messages.iter().map(shifted).collect()
 }
 
-/// The bytes of a message cut short with a probability, or else with some of the first replaced, which say how long things are.
+/// Damages a message: truncates it with a probability, or else replaces some of the first bytes, which contain lengths.
 pub(super) fn damaged(data: &[u8], cut_short: f32, rng: &mut Rng) -> Vec<u8> {
     let mut data = data.to_vec();
     if rng.chance(cut_short) {

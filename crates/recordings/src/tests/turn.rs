@@ -1,11 +1,11 @@
-//! A scanner that passes over a wall while it drives and turns: each point at its own time.
+//! A scanner that sweeps over a wall while driving and turning: each point has its own time.
 
 use super::{expected, golden, numbers};
 use crate::message::MessageType;
 use crate::{DecodedFrame, FrameOptions, Frames, Recording, Writer};
 use lsdc_core::Observations;
 
-/// Points of a cloud.
+/// Number of points of a cloud.
 const COUNT: usize = 480;
 const DRIVERS: [&str; 4] = ["ouster", "velodyne", "hesai", "livox"];
 
@@ -20,7 +20,7 @@ fn frames(driver: &str, deskew: bool) -> (Recording, Frames) {
     (recording, frames)
 }
 
-/// The frames of a driver whose times are others: of the cloud of that number, those of the points of these numbers.
+/// Alters the times of a driver: `change` gets the index of the cloud, the index of the point, and its time.
 fn altered(driver: &str, change: impl Fn(usize, usize, &mut [u8])) -> (Recording, Frames) {
     let name = format!("/{driver}/points");
     let folder = tempfile::tempdir().unwrap();
@@ -31,7 +31,7 @@ fn altered(driver: &str, change: impl Fn(usize, usize, &mut [u8])) -> (Recording
     let visited = source.visit(&|_| true, &mut |topic, message| {
         let mut data = message.data.to_vec();
         if topic.name == name {
-            // Behind x, y, z and the laser; behind the points lies one byte.
+            // Times follow x, y, z and the laser; one byte follows the points.
             let step = if matches!(driver, "hesai" | "livox") {
                 22
             } else {
@@ -66,7 +66,7 @@ fn loaded(recording: &mut Recording, frames: &Frames, number: usize) -> DecodedF
     stored.decode(frames).unwrap()
 }
 
-/// How far points are from the wall at most, by the depth of the wall at their pixels.
+/// Returns the largest distance of the points from the wall, by the depth of the wall at their pixels.
 fn off_the_wall(loaded: &DecodedFrame, number: usize) -> f64 {
     let frame = &expected()["turn"]["frames"][number];
     assert_eq!(frame["stamp"].as_i64(), Some(loaded.header.stamp));
@@ -97,7 +97,7 @@ fn a_wall_is_flat_whatever_the_scanner_does() {
     }
 }
 
-/// Without it the wall is where the car was at the stamp of the cloud.
+/// Without deskewing, the wall is where the car was at the stamp of the cloud.
 #[test]
 fn without_times_the_wall_is_bent() {
     for driver in DRIVERS {
@@ -106,7 +106,7 @@ fn without_times_the_wall_is_bent() {
         let deviation = off_the_wall(&loaded(&mut recording, &frames, 0), 0);
         assert!(deviation > 0.2, "{driver}: {deviation}");
     }
-    // No transform moves, or they are not looked at.
+    // No transform moves, or dynamic transforms are not read.
     let mut recording = Recording::open(&golden("turn.mcap")).unwrap();
     let options = FrameOptions {
         points: Some("/ouster/points".to_owned()),
@@ -118,7 +118,7 @@ fn without_times_the_wall_is_bent() {
     assert!(frames.remarks[0].contains("(`t`)"), "{:?}", frames.remarks);
 }
 
-/// The transforms end 40 ms after the second turn begins: 41 of its 80 columns have a place.
+/// The transforms end 40 ms after the second turn begins: 41 of its 80 columns have a known pose.
 #[test]
 fn points_beyond_the_transforms_are_left_out_and_counted() {
     let (mut recording, frames) = frames("ouster", true);
@@ -139,7 +139,7 @@ fn points_beyond_the_transforms_are_left_out_and_counted() {
     assert_eq!((frames.found.len(), frames.dropped.len()), (1, 1));
 }
 
-/// No number, far away, infinite: the others are where they are without them.
+/// Times that are NaN, far away or infinite do not affect the other points.
 #[test]
 fn wrong_times_are_those_of_their_points() {
     for (driver, wrong) in [
@@ -165,7 +165,7 @@ fn wrong_times_are_those_of_their_points() {
     }
 }
 
-/// One cloud has no times, or they are beyond the transforms: it is as without deskewing, and says so.
+/// A cloud without times, or with times beyond the transforms, is not deskewed, and a remark reports it.
 #[test]
 fn a_cloud_without_times_counts_at_its_stamp() {
     let zero = |cloud, _, time: &mut [u8]| {
@@ -206,7 +206,7 @@ fn times_of_no_cloud_are_remarked_once() {
     }
 }
 
-/// Where nothing came back, many scanners write zeros: as a place it would be that of the scanner itself.
+/// Many scanners write zeros for pulses without a return; as points they would be at the scanner itself.
 #[test]
 fn zeros_are_no_place() {
     let (mut recording, frames) = frames("ouster", true);

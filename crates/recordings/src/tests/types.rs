@@ -1,4 +1,4 @@
-//! A message of every type and encoding, as NumPy and OpenCV read it.
+//! A message of every type and encoding, compared with NumPy and OpenCV.
 
 use super::{expected, golden, numbers};
 use crate::message::{Header, MessageType, PointCloud, camera_of, colours, depths};
@@ -19,7 +19,7 @@ fn messages(name: &str) -> BTreeMap<String, (Arc<Topic>, Vec<u8>)> {
     found
 }
 
-/// The containers that hold them.
+/// The containers of the messages.
 const CONTAINERS: [&str; 3] = ["zstd.mcap", "alone.mcap", "bag"];
 
 #[test]
@@ -46,7 +46,7 @@ fn colours_are_those_of_opencv() {
             ("eye", (14, 10)),
             "{name}"
         );
-        // Decoders of JPEG smooth colours differently, and means of four are rounded differently.
+        // JPEG decoders upsample chroma differently, and means of four are rounded differently.
         let near = if name.contains("jpeg") {
             6.0
         } else {
@@ -54,7 +54,7 @@ fn colours_are_those_of_opencv() {
         };
         for (i, (&found, value)) in image.as_raw().iter().zip(numbers(values)).enumerate() {
             let (x, y) = (i / 3 % 14, i / 42);
-            // OpenCV copies the colours next to the border of a mosaic.
+            // OpenCV copies the neighbouring colours at the border of a mosaic.
             let inside = (1..13).contains(&x) && (1..9).contains(&y);
             let compared = inside || !name.contains("bayer");
             let deviation = (f64::from(found) - value).abs();
@@ -125,7 +125,7 @@ fn cameras_project_as_opencv() {
             deviation < 1e-9 && depth == 2.0,
             "{name}: {pixel:?} {expected:?}"
         );
-        // Once the image is rectified, the lens is straight.
+        // Rectified images have no distortion.
         let camera = camera_of(&messages[name].1, true).unwrap().camera;
         let (pixel, _) = camera.project(position).unwrap();
         assert_eq!(pixel, [12.0 * 0.2 + 6.4, 12.5 * -0.15 + 4.7]);
@@ -145,7 +145,7 @@ fn frames(image: &str, points: &str) -> (Recording, Frames) {
     (recording, frames)
 }
 
-/// A depth camera whose depths are registered to the image: a map.
+/// A depth camera registered to the image gives a map.
 #[test]
 fn depths_of_the_same_frame_are_a_map() {
     for (points, unit) in [
@@ -173,7 +173,7 @@ fn depths_of_the_same_frame_are_a_map() {
     }
 }
 
-/// A depth camera beside the other one: its pixels are points in space.
+/// A depth camera beside the image camera gives points.
 #[test]
 fn depths_of_another_frame_are_points() {
     let (mut recording, frames) = frames("/image/jpeg", "/other/depth");

@@ -1,8 +1,8 @@
-//! Encoders from where they are published, over HTTP.
+//! Downloads of published encoders over HTTP.
 //!
-//! A file is recognised by its values ([`recognise`](super::recognise)), so that servers and mirrors need not be
-//! trusted. A download is resumed where it broke, in this run or the next, if the server confirms that its
-//! file is the same ([`PartialDownload`]).
+//! A file is identified by its values ([`recognise`](super::recognise)), so that servers and mirrors need not be trusted.
+//! An interrupted download is resumed, in this run or the next, if the server confirms that its file is the same
+//! ([`PartialDownload`]).
 
 mod part;
 
@@ -20,14 +20,14 @@ use ureq::http::header::{
 use ureq::http::{Response, StatusCode, Uri};
 use ureq::{Agent, Body, Proxy};
 
-/// What a download may take.
+/// Limits of a download.
 #[derive(Clone, Copy, Debug)]
 pub struct DownloadLimits {
-    /// Bytes of the file.
+    /// Largest size of the file in bytes.
     pub bytes: u64,
-    /// Connections, each of which must bring something.
+    /// Largest number of connections, each of which must transfer something.
     pub connections: usize,
-    /// The longest time without a byte from the server.
+    /// Longest time without data from the server.
     pub timeout: Duration,
 }
 
@@ -41,32 +41,32 @@ impl Default for DownloadLimits {
     }
 }
 
-/// How a download goes.
+/// Progress of a download.
 #[derive(Debug)]
 pub enum DownloadEvent<'a> {
     /// A server has answered.
     Started {
-        /// Where the file comes from.
+        /// Address of the file.
         url: &'a str,
-        /// Bytes of earlier connections, from which the download is resumed.
+        /// Bytes of earlier connections, after which the download is resumed.
         resumed_bytes: u64,
-        /// Bytes of the file, if the server sends their number.
+        /// Size of the file in bytes, if the server sends it.
         total_bytes: Option<u64>,
     },
-    /// Bytes of the file that have arrived.
+    /// Bytes of the file received so far.
     Progress(u64),
-    /// The connection broke, and another one is opened.
+    /// The connection was interrupted, and another one is opened.
     Interrupted(&'a Error),
     /// An address has failed, and the next one is tried.
     NextUrl(&'a Error),
 }
 
-/// Downloads an encoder from the first of `urls` that has it, checks it, and adds it to the store. One that is there
-/// is replaced if `replace` is set.
+/// Downloads an encoder from the first of `urls` that has it, checks it, and adds it to the store. An existing one is
+/// replaced if `replace` is set.
 ///
 /// # Errors
-/// No place has it, or the folder cannot be written. What has arrived by then is kept for the next time, unless it is
-/// something else.
+/// No address has it, or the folder cannot be written. Received data are kept for the next time, unless they are not the
+/// encoder.
 pub fn get(
     store: &Store,
     known: &KnownEncoder,
@@ -88,7 +88,7 @@ pub fn get(
                 remove_parts(store.folder(), known);
                 return Ok(Installation::New);
             }
-            // No other place helps.
+            // Another address would not help.
             Err(error) if error.cause() == Cause::Write => return Err(error),
             Err(error) => last_error = Some(error),
         }
@@ -131,15 +131,15 @@ fn get_from_url(
     }
 }
 
-/// How a connection ended, if not by an error that another one would not change.
+/// End of a connection, except for errors that another connection would not change.
 enum End {
     Whole,
     Broken(Error),
-    /// There is another file now, so that nothing is left of the part.
+    /// The file has changed, so the partial download was discarded.
     Changed,
 }
 
-/// Completes a part, by as many connections as it takes.
+/// Completes a partial download with as many connections as needed.
 fn fetch(
     url: &str,
     part: &mut PartialDownload,
@@ -168,7 +168,7 @@ fn fetch(
     Err(with_resume_hint(Error::new(Cause::Network, what), part))
 }
 
-/// Says what is left of a failed download.
+/// Adds a hint about the remaining part of a failed download.
 fn with_resume_hint(error: Error, part: &PartialDownload) -> Error {
     match part.length() {
         0 => error,
@@ -180,7 +180,7 @@ fn with_resume_hint(error: Error, part: &PartialDownload) -> Error {
     }
 }
 
-/// One request, and what it brings.
+/// Sends a request and receives its data.
 fn connect(
     agent: &Agent,
     url: &str,
@@ -219,7 +219,7 @@ fn connect(
     receive(response, url, part, limits, on_event)
 }
 
-/// Adds what an answer brings to the part.
+/// Appends the data of a response to the partial download.
 fn receive(
     response: Response<Body>,
     url: &str,
@@ -268,7 +268,7 @@ fn network_error(what: &str, url: &str) -> Error {
     Error::new(Cause::Network, format!("{what} `{url}`"))
 }
 
-/// Whether a partial answer begins where the part ends, in the same version of the file.
+/// Whether a partial response continues the partial download, in the same version of the file.
 fn is_continuation(response: &Response<Body>, part: &PartialDownload) -> bool {
     let range = header(response, &CONTENT_RANGE).unwrap_or_default();
     let starts = range.strip_prefix("bytes ").and_then(|range| {
@@ -279,7 +279,7 @@ fn is_continuation(response: &Response<Body>, part: &PartialDownload) -> bool {
     starts == Some(part.length()) && same
 }
 
-/// What a whole answer declares about its file.
+/// Returns the origin that a full response declares.
 fn origin(url: &str, response: &Response<Body>) -> Origin {
     let ranges = header(response, &ACCEPT_RANGES) != Some("none");
     Origin {
@@ -289,7 +289,7 @@ fn origin(url: &str, response: &Response<Body>) -> Origin {
     }
 }
 
-/// What distinguishes versions of a file, byte by byte (RFC 9110, 13.1.5): an entity tag that is not weak, or a date.
+/// Returns a strong validator of the file (RFC 9110, 13.1.5): an entity tag that is not weak, or a date.
 fn version(response: &Response<Body>) -> Option<&str> {
     let tag = header(response, &ETAG).filter(|tag| tag.starts_with('"'));
     tag.or_else(|| header(response, &LAST_MODIFIED))
@@ -315,7 +315,7 @@ fn agent(url: &str, limits: &DownloadLimits) -> Agent {
         .new_agent()
 }
 
-/// Whether no proxy leads there.
+/// Whether an address is this machine, which is never reached through a proxy.
 fn is_this_machine(url: &str) -> bool {
     let uri: Option<Uri> = url.parse().ok();
     let host = uri.as_ref().and_then(Uri::host).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! A file that arrives in parts.
+//! A partially downloaded file.
 
 use crate::KnownEncoder;
 use lsdc_files::error::{Cause, Error, Result};
@@ -10,18 +10,18 @@ use std::path::{Path, PathBuf};
 
 const ENDING: &str = ".part";
 
-/// What the part of a file was part of.
+/// The origin of a partial download.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Origin {
     #[serde(rename = "place")]
     pub(super) url: String,
-    /// What changes when the file at that place does. Without it, nothing can be added to a part.
+    /// Version of the file at that address. Without it, a partial download cannot be resumed.
     pub(super) version: Option<String>,
-    /// Bytes of the whole file.
+    /// Size of the full file in bytes.
     pub(super) total: Option<u64>,
 }
 
-/// The beginning of a file, and a record of its origin beside it. No other program adds to it.
+/// The start of a file, with a record of its origin beside it. It is locked against other programs.
 #[derive(Debug)]
 pub(super) struct PartialDownload {
     path: PathBuf,
@@ -31,10 +31,10 @@ pub(super) struct PartialDownload {
 }
 
 impl PartialDownload {
-    /// Opens what is there of the file at `url`, if anything.
+    /// Opens the partial download of the file at `url`, if there is one.
     ///
     /// # Errors
-    /// The folder cannot be written, or another program is at it.
+    /// The folder cannot be written, or another program uses the file.
     pub(super) fn open(folder: &Path, known: &KnownEncoder, url: &str) -> Result<Self> {
         let path = part(folder, known, url);
         let unwritable = |e| Error::write(&path, e);
@@ -42,7 +42,7 @@ impl PartialDownload {
         let mut options = File::options();
         options.read(true).write(true).create(true).truncate(false);
         let file = options.open(&path).map_err(unwritable)?;
-        // Some file systems of networks have no locks.
+        // Some network file systems have no locks.
         if let Err(TryLockError::WouldBlock) = file.try_lock() {
             let what = format!("another program is downloading `{}`", path.display());
             return Err(Error::new(Cause::Write, what).hint("wait for it, or end it"));
@@ -63,7 +63,7 @@ impl PartialDownload {
         Ok(part)
     }
 
-    /// Forgets what is there, and begins a file of another origin.
+    /// Discards the data, and starts a file of another origin.
     pub(super) fn begin(&mut self, origin: Origin) -> Result<()> {
         let emptied = self.file.set_len(0).and_then(|()| self.file.rewind());
         emptied.map_err(|e| Error::write(&self.path, e))?;
@@ -85,7 +85,7 @@ impl PartialDownload {
         Ok(())
     }
 
-    /// On return, what is there outlives a power failure.
+    /// Syncs the file, which is then safe from a power failure.
     pub(super) fn sync(&self) -> Result<()> {
         let synced = self.file.sync_all();
         synced.map_err(|e| Error::write(&self.path, e))
@@ -107,7 +107,7 @@ impl PartialDownload {
         self.origin.total == Some(self.length) && self.length > 0
     }
 
-    /// Lets others read the file.
+    /// Unlocks the file.
     pub(super) fn close(self) -> PathBuf {
         self.path
     }
@@ -118,7 +118,7 @@ impl PartialDownload {
     }
 }
 
-/// Removes all parts of files of an encoder that no other program is at.
+/// Removes all partial downloads of an encoder that no other program uses.
 pub(super) fn remove_parts(folder: &Path, known: &KnownEncoder) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
@@ -132,13 +132,13 @@ pub(super) fn remove_parts(folder: &Path, known: &KnownEncoder) {
     }
 }
 
-/// What cannot be removed does no harm.
+/// Files that cannot be removed do no harm.
 pub(super) fn remove(part: &Path) {
     let _ = std::fs::remove_file(record(part));
     let _ = std::fs::remove_file(part);
 }
 
-/// Where the part of the file at `url` is: each place has its own.
+/// Returns the path of the partial download of the file at `url`; each address has its own.
 fn part(folder: &Path, known: &KnownEncoder, url: &str) -> PathBuf {
     let hash = lsdc_rng::hash(&[url]);
     folder.join(format!("{}-{hash:016x}{ENDING}", known.weights))
@@ -148,7 +148,7 @@ fn record(part: &Path) -> PathBuf {
     part.with_extension("part.json")
 }
 
-/// `None` without a record, or if it is damaged: then the part is worth nothing.
+/// Returns `None` without a record, or if it is damaged; the partial download is then useless.
 fn read_record(part: &Path) -> Option<Origin> {
     let bytes = std::fs::read(record(part)).ok()?;
     serde_json::from_slice(&bytes).ok()

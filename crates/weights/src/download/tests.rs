@@ -8,7 +8,7 @@ use std::path::PathBuf;
 mod loopback;
 
 const FILE: &[u8] = TRANSFORMERS;
-/// Where connections break.
+/// Where connections are interrupted.
 const HALF: usize = 20_000;
 
 fn tag(version: &str) -> String {
@@ -25,7 +25,7 @@ fn first(bytes: usize, headers: &[String]) -> Answer {
     answer("200 OK", &headers, &FILE[..bytes])
 }
 
-/// Some of the bytes that follow, with these headers.
+/// Some of the following bytes, with these headers.
 fn more(from: usize, bytes: usize, headers: &[String]) -> Answer {
     let all = FILE.len();
     let range = format!("Content-Range: bytes {from}-{}/{all}", all - 1);
@@ -33,14 +33,14 @@ fn more(from: usize, bytes: usize, headers: &[String]) -> Answer {
     answer("206 Partial Content", &headers, &FILE[from..from + bytes])
 }
 
-/// All that follows.
+/// All following bytes.
 fn rest(from: usize, headers: &[String]) -> Answer {
     more(from, FILE.len() - from, headers)
 }
 
 struct Run {
     result: Result<Installation>,
-    /// What was said, a word for each event; those of progress once.
+    /// One word per event; progress is listed once.
     events: Vec<String>,
 }
 
@@ -76,14 +76,14 @@ fn files(store: &Store) -> Vec<PathBuf> {
     entries.map(|entry| entry.unwrap().path()).collect()
 }
 
-/// The encoder is installed, and nothing else is left.
+/// Checks that the encoder is installed, and that no other files are left.
 fn check_installed(store: &Store, run: &Run) {
     assert_eq!(*run.result.as_ref().unwrap(), Installation::New);
     assert_eq!(files(store), [store.path(&TINY)]);
     assert_eq!(store.load(&TINY).unwrap().len(), 48);
 }
 
-/// The server's answers lead to the encoder.
+/// Checks that the responses of the server lead to the encoder.
 fn installs(answers: Vec<Answer>) -> (Server, Vec<String>) {
     let (_folder, store) = scratch();
     let server = Server::start(answers);
@@ -92,7 +92,7 @@ fn installs(answers: Vec<Answer>) -> (Server, Vec<String>) {
     (server, run.events)
 }
 
-/// The server's answers lead to an error with these words; returns what is left of the file.
+/// Checks that the responses of the server lead to an error with these words; returns the size of the partial download.
 fn fails(answers: Vec<Answer>, limits: &DownloadLimits, words: &[&str]) -> u64 {
     let (_folder, store) = scratch();
     let server = Server::start(answers);
@@ -120,7 +120,7 @@ fn a_file_is_downloaded_checked_and_converted_once() {
     assert!(requests[0].contains("user-agent: lsdc/"), "{requests:?}");
     assert!(!requests[0].contains("range:"), "{requests:?}");
 
-    // The server would refuse another connection.
+    // The server would reject another connection.
     let again = run(&store, &[&server.url()], &DownloadLimits::default());
     assert_eq!(again.result.unwrap(), Installation::Unchanged);
     assert!(again.events.is_empty());
@@ -145,7 +145,7 @@ fn a_broken_connection_is_followed_by_another() {
         assert!(request.contains("\r\nif-range: \"a\"\r\n"), "{request}");
     }
     assert_eq!(events.iter().filter(|word| *word == "broken").count(), 2);
-    // A date serves too (RFC 9110, 13.1.5).
+    // A date is also sufficient (RFC 9110, 13.1.5).
     let date = "Last-Modified: Wed, 26 Jun 2024 10:15:00 GMT".to_owned();
     let (server, _) = installs(vec![first(HALF, &[date]), rest(HALF, &[])]);
     let request = &server.requests()[1];
@@ -155,7 +155,7 @@ fn a_broken_connection_is_followed_by_another() {
 #[test]
 fn the_next_run_goes_on_where_the_last_one_ended() {
     let (_folder, store) = scratch();
-    // What another place has left goes with the rest.
+    // The partial download of another address is removed, too.
     let mut other = PartialDownload::open(store.folder(), &TINY, "http://127.0.0.1:9/a").unwrap();
     other.append(b"abc").unwrap();
     drop(other);
@@ -180,7 +180,7 @@ fn the_next_run_goes_on_where_the_last_one_ended() {
     assert_eq!(next.events, [begun.as_str(), "reached"]);
 }
 
-/// As when the folder was full, or the program was killed, between the last byte and the encoder.
+/// The folder was full, or the program was killed, between the last byte and the installation.
 #[test]
 fn a_whole_file_is_not_downloaded_again() {
     let (_folder, store) = scratch();
@@ -199,12 +199,12 @@ fn a_whole_file_is_not_downloaded_again() {
 
 #[test]
 fn servers_that_do_not_continue_begin_anew() {
-    // Nothing says that the file is the same: no range is asked for.
+    // No validator, so no range is requested.
     for headers in [vec![], vec!["ETag: W/\"a\"".to_owned()]] {
         let (server, _) = installs(vec![first(HALF, &headers), all()]);
         assert!(!server.requests()[1].contains("range:"));
     }
-    // A range is asked for, and all of the file comes.
+    // A range is requested, and the full file is sent.
     let (server, events) = installs(vec![first(HALF, &[tag("a")]), all()]);
     assert!(server.requests()[1].contains("range: bytes="));
     assert_eq!(
@@ -239,7 +239,7 @@ fn something_else_is_refused_and_not_kept() {
     damaged[FILE.len() - 9] ^= 1;
     let damaged = answer("200 OK", &[], &damaged);
     assert_eq!(fails(vec![damaged], &limits, &["other values"]), 0);
-    // Short, and nothing says so.
+    // Truncated, without a declared length.
     let short = answer("200 OK", &[], &FILE[..HALF]);
     assert_eq!(fails(vec![short], &limits, &["is not a tiny encoder"]), 0);
 }
@@ -254,7 +254,7 @@ fn short_files_are_asked_for_again_while_that_helps() {
     let answers = vec![first(HALF, &[tag("a")]), nothing];
     let words = ["the connection broke", "0.0 MB are kept"];
     assert_eq!(fails(answers, &limits, &words), HALF as u64);
-    // A byte at a time.
+    // One byte per connection.
     let drops = (0..3).map(|i| match i {
         0 => first(1, &[tag("a")]),
         _ => more(i, 1, &[tag("a")]),
@@ -291,7 +291,7 @@ fn answers_other_than_a_file_are_errors() {
         assert_eq!(files(&store).len(), 0, "{url}");
     }
 
-    // The next place has it.
+    // The next address has the file.
     let (broken, whole) = (Server::start(vec![none()]), Server::start(vec![all()]));
     let urls = [&broken.url()[..], &whole.url()];
     let run = run(&store, &urls, &limits);
@@ -342,7 +342,7 @@ fn silent_servers_are_left() {
         timeout: Duration::from_millis(10),
         ..DownloadLimits::default()
     };
-    // Until the client goes.
+    // Until the client disconnects.
     let wait: fn(&mut std::net::TcpStream) = |stream| drop(stream.read(&mut [0]));
     let silent: Answer = Box::new(wait);
     assert_eq!(fails(vec![silent], &limits, &["timeout"]), 0);
@@ -386,7 +386,7 @@ fn parts_of_unknown_origin_are_not_used() {
     };
     assert_eq!(kept(origin(Some("\"a\""), 9), &|_| {}), 3);
     assert_eq!(kept(origin(None, 9), &|_| {}), 0);
-    // Longer than the whole.
+    // Longer than the full file.
     assert_eq!(kept(origin(Some("\"a\""), 2), &|_| {}), 0);
     for record in [
         "",

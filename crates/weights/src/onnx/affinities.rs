@@ -5,7 +5,7 @@ use super::layers::{Conv, Layers};
 use crate::error::Result;
 use lsdc_core::network::{CONTRAST, LEAST_AFFINITY, MAX_LOG_FACTOR, NetworkConfig};
 
-/// The affinities of each pixel with its right and its lower neighbour, `[batch, 2, height, width]`.
+/// Computes the affinities of each pixel with its right and its lower neighbour, `[batch, 2, height, width]`.
 pub(super) fn affinities(
     layers: &mut Layers<'_>,
     image: &str,
@@ -32,7 +32,7 @@ pub(super) fn affinities(
     Ok(graph.apply("Exp", &[&sum]))
 }
 
-/// Affinities with the next pixel along an axis, from colours alone; the last pixel is its own neighbour.
+/// Computes affinities with the next pixel along an axis, from colours alone; the last pixel is its own neighbour.
 fn from_colours(layers: &mut Layers<'_>, image: &str, axis: i64) -> String {
     let graph = &mut layers.graph;
     let [others, last] = [1, -1].map(|start| graph.slice(image, axis, start, i64::MAX));
@@ -49,7 +49,7 @@ fn from_colours(layers: &mut Layers<'_>, image: &str, axis: i64) -> String {
     graph.apply("Add", &[&affinity, &least])
 }
 
-/// The output of the affinity network, which has so many levels.
+/// Computes the output of the affinity network, which has `count` levels.
 fn changes(layers: &mut Layers<'_>, image: &str, count: usize) -> Result<String> {
     let mut levels: Vec<String> = Vec::new();
     for level in 0..count {

@@ -1,11 +1,11 @@
-//! From a normalised image to features, and to the logarithm of the map of depth if a backbone predicts it.
+//! From a normalised image to features, and to the logarithm of the depth map if a backbone predicts it.
 
 use super::graph::{int, ints};
 use super::layers::{Conv, Layers};
 use crate::error::Result;
 use lsdc_core::network::{BackboneConfig, ExtractorConfig};
 
-/// What an extractor yields, at a quarter of the image's resolution, or at half of it if features are sharpened.
+/// Outputs of an extractor, at a quarter of the image's resolution, or at half of it if features are sharpened.
 pub(super) struct Features {
     pub(super) features: String,
     pub(super) logarithm: Option<String>,
@@ -76,7 +76,7 @@ pub(super) fn extractor(
     })
 }
 
-/// A run of residual blocks, of which the first changes width and resolution.
+/// Applies a stage of residual blocks, of which the first changes width and resolution.
 fn stage(
     layers: &mut Layers<'_>,
     mut x: String,
@@ -102,13 +102,13 @@ fn stage(
     Ok(x)
 }
 
-/// The pooling pyramid, merged with the maps that it is made from.
+/// Applies the pooling pyramid, merged with the maps that it is computed from.
 fn merged(layers: &mut Layers<'_>, raw: &str, skip: &str, pools: &[usize]) -> Result<String> {
     let size = layers.graph.size(skip);
     let mut parts = vec![raw.to_owned(), skip.to_owned()];
     for (i, &pool) in pools.iter().enumerate() {
         let window = [pool as i64; 2];
-        // Windows are cut off at the end: means are those of the pixels in them.
+        // Windows are cropped at the end: means are over the pixels in them.
         let attributes = [
             ints("kernel_shape", &window),
             ints("strides", &window),
@@ -126,7 +126,7 @@ fn merged(layers: &mut Layers<'_>, raw: &str, skip: &str, pools: &[usize]) -> Re
     layers.plain(&merged, "extractor.project")
 }
 
-/// The outputs of the stages of a backbone that are read, the finest first.
+/// Computes the outputs of the stages of a backbone that are used, the finest first.
 fn backbone_maps(
     layers: &mut Layers<'_>,
     image: &str,
@@ -158,7 +158,7 @@ fn backbone_maps(
     Ok(maps)
 }
 
-/// The finest level of the feature pyramid.
+/// Computes the finest level of the feature pyramid.
 fn pyramid(layers: &mut Layers<'_>, maps: &[String]) -> Result<String> {
     let mut coarser: Option<String> = None;
     for (i, map) in maps.iter().enumerate().rev() {
@@ -171,7 +171,7 @@ fn pyramid(layers: &mut Layers<'_>, maps: &[String]) -> Result<String> {
     Ok(coarser.unwrap_or_default())
 }
 
-/// Features at half the image's resolution, by a map there.
+/// Computes features at half the image's resolution, guided by a map of that resolution.
 fn sharpened(layers: &mut Layers<'_>, features: &str, half: &str, count: usize) -> Result<String> {
     let size = layers.graph.size(half);
     let enlarged = layers.graph.resize(features, &size);

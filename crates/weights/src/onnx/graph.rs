@@ -1,4 +1,4 @@
-//! Nodes and constants of a graph, as they are added. A value is the name of a node's output.
+//! Nodes and constants of a graph under construction. A value is the name of a node's output.
 
 use super::proto::{Attribute, Constant, GraphBody, Node, ValueInfo, attribute, element};
 
@@ -8,7 +8,7 @@ pub(super) struct Graph {
     constants: Vec<Constant>,
 }
 
-/// The axes of rows and columns in `[batch, channels, height, width]`.
+/// Axes of rows and columns in `[batch, channels, height, width]`.
 pub(super) const ROWS: i64 = 2;
 pub(super) const COLUMNS: i64 = 3;
 
@@ -40,7 +40,7 @@ fn text(name: &str, value: &str) -> Attribute {
 }
 
 impl Graph {
-    /// A node with one output.
+    /// Adds a node with one output.
     pub(super) fn node(
         &mut self,
         operator: &str,
@@ -58,7 +58,7 @@ impl Graph {
         name
     }
 
-    /// The same without attributes.
+    /// Adds a node without attributes.
     pub(super) fn apply(&mut self, operator: &str, inputs: &[&str]) -> String {
         self.node(operator, inputs, Vec::new())
     }
@@ -67,19 +67,19 @@ impl Graph {
         self.node("Concat", inputs, [int("axis", axis)])
     }
 
-    /// A named constant of floats.
+    /// Adds a named constant of floats.
     pub(super) fn floats(&mut self, name: String, shape: &[usize], values: &[f32]) -> String {
         let data = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         self.constant(name, shape, element::FLOAT, data)
     }
 
-    /// A number.
+    /// Adds a scalar constant.
     pub(super) fn scalar(&mut self, value: f32) -> String {
         let name = format!("constant_{}", self.constants.len());
         self.floats(name, &[], &[value])
     }
 
-    /// A list of integers.
+    /// Adds a constant list of integers.
     pub(super) fn indices(&mut self, values: &[i64]) -> String {
         let name = format!("constant_{}", self.constants.len());
         let data = values.iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -102,24 +102,24 @@ impl Graph {
         name
     }
 
-    /// Part of a value along an axis; `end` may be `i64::MAX`.
+    /// Slices a value along an axis; `end` may be `i64::MAX`.
     pub(super) fn slice(&mut self, x: &str, axis: i64, start: i64, end: i64) -> String {
         let [start, end, axis] = [start, end, axis].map(|value| self.indices(&[value]));
         self.apply("Slice", &[x, &start, &end, &axis])
     }
 
-    /// The lengths of the axes from `start` until `end`.
+    /// Returns the lengths of the axes from `start` until `end`.
     pub(super) fn lengths(&mut self, x: &str, start: i64, end: i64) -> String {
         let shape = self.apply("Shape", &[x]);
         self.slice(&shape, 0, start, end)
     }
 
-    /// Height and width.
+    /// Returns height and width.
     pub(super) fn size(&mut self, x: &str) -> String {
         self.lengths(x, ROWS, COLUMNS + 1)
     }
 
-    /// Bilinear interpolation at another size, between the centres of pixels.
+    /// Resizes by bilinear interpolation between pixel centres.
     pub(super) fn resize(&mut self, x: &str, size: &str) -> String {
         let kept = self.lengths(x, 0, ROWS);
         let sizes = self.concat(&[&kept, size], 0);
@@ -131,7 +131,7 @@ impl Graph {
         self.node("Resize", &[x, "", "", &sizes], attributes)
     }
 
-    /// Gives a value the name of an output of the graph.
+    /// Renames a value to an output of the graph.
     pub(super) fn rename(&mut self, value: &str, name: &str) {
         for node in &mut self.nodes {
             let all = node.input.iter_mut().chain(&mut node.output);

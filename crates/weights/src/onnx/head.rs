@@ -1,7 +1,7 @@
 //! From features to basis functions: the MLP at full resolution.
 //!
-//! As in `lsdc-core`, the first layer on features is applied before they are enlarged, which commutes with it, and that
-//! on the codes of positions to one row and one column of the image.
+//! As in `lsdc-core`, the first layer for features is applied before upsampling, with which it commutes, and that for
+//! positional codes to one row and one column of the image.
 
 use super::extractor::Features;
 use super::graph::{COLUMNS, Graph, ROWS, int};
@@ -10,7 +10,7 @@ use super::proto::element;
 use crate::error::{Error, Result};
 use lsdc_core::network::{MAX_LOG_DEPTH, NetworkConfig};
 
-/// The basis functions `[batch, N + 1, height, width]` of an image.
+/// Computes the basis functions `[batch, N + 1, height, width]` of an image.
 pub(super) fn basis(
     layers: &mut Layers<'_>,
     image: &str,
@@ -51,14 +51,14 @@ pub(super) fn basis(
     Ok(layers.graph.concat(&[&first, &functions], 1))
 }
 
-/// A positive map from its logarithm, which is limited.
+/// Computes a positive map from its clamped logarithm.
 fn depth_map(graph: &mut Graph, logarithm: &str) -> String {
     let [low, high] = [-MAX_LOG_DEPTH, MAX_LOG_DEPTH].map(|limit| graph.scalar(limit));
     let limited = graph.apply("Clip", &[logarithm, &low, &high]);
     graph.apply("Exp", &[&limited])
 }
 
-/// The first hidden layer, behind its ReLU.
+/// Computes the first hidden layer, after its ReLU.
 fn first_layer(
     layers: &mut Layers<'_>,
     output: &Features,
@@ -92,8 +92,8 @@ fn first_layer(
     Ok(graph.apply("Relu", &[&x]))
 }
 
-/// What the codes of the positions along an axis add to the first layer, `[1, columns, height, 1]` or
-/// `[1, columns, 1, width]`; `weights` `[columns, 2 octaves]` are those on these codes.
+/// Computes the contribution of the positional codes along an axis to the first layer, `[1, columns, height, 1]` or `[1,
+/// columns, 1, width]`; `weights` `[columns, 2 octaves]` are those of these codes.
 fn position_terms(
     graph: &mut Graph,
     size: &str,
@@ -116,7 +116,7 @@ fn position_terms(
     let place = graph.apply("Div", &[&numerator, &length]);
     let first = graph.indices(&[0]);
     let place = graph.apply("Unsqueeze", &[&place, &first]);
-    // Of each octave, the sine and the cosine; the coordinate itself has the first two weights.
+    // The sine and the cosine of each octave; the coordinate itself has the first two weights.
     let waves = octaves - 1;
     let frequencies: Vec<f32> = (0..waves)
         .map(|k| (f64::from(1 << k) * std::f64::consts::PI) as f32)
@@ -140,12 +140,12 @@ fn position_terms(
     let shape = [columns, 2 * octaves - 1];
     let weights = graph.floats(format!("head.positions.{name}.weight"), &shape, &ordered);
     let terms = graph.apply("MatMul", &[&weights, &codes]);
-    // Batch, and the other axis.
+    // Axes of the batch, and of the other direction.
     let more = graph.indices(&[0, ROWS + COLUMNS - axis]);
     graph.apply("Unsqueeze", &[&terms, &more])
 }
 
-/// A linear map of rows `[depth, columns]` with bias.
+/// A linear map with bias, as rows `[depth, columns]`.
 struct Linear {
     depth: usize,
     columns: usize,
@@ -153,7 +153,7 @@ struct Linear {
     bias: Vec<f32>,
 }
 
-/// A linear map and the normalisation behind it.
+/// Returns a linear map with the following normalisation folded in.
 fn linear_norm(layers: &Layers<'_>, name: &str) -> Result<Linear> {
     let (depth, columns, values) = matrix(layers, &format!("{name}.linear.weight"))?;
     let (slopes, bias) = layers.batch_norm(name)?;
@@ -166,7 +166,7 @@ fn linear_norm(layers: &Layers<'_>, name: &str) -> Result<Linear> {
     })
 }
 
-/// A linear map alone, at every pixel.
+/// Applies a linear map at every pixel.
 fn pointwise(layers: &mut Layers<'_>, x: &str, name: &str) -> Result<String> {
     let (depth, columns, values) = matrix(layers, &format!("{name}.weight"))?;
     let weights = transposed(values, columns, 0..depth);
@@ -174,7 +174,7 @@ fn pointwise(layers: &mut Layers<'_>, x: &str, name: &str) -> Result<String> {
     Ok(layers.conv(x, name, weights, Conv::SAME.linear()))
 }
 
-/// Depth, columns and values of a tensor `[depth, columns]`.
+/// Returns depth, columns and values of a tensor `[depth, columns]`.
 fn matrix<'a>(layers: &Layers<'a>, name: &str) -> Result<(usize, usize, &'a [f32])> {
     let tensor = layers.tensor(name)?;
     match *tensor.shape() {
@@ -183,7 +183,7 @@ fn matrix<'a>(layers: &Layers<'a>, name: &str) -> Result<(usize, usize, &'a [f32
     }
 }
 
-/// Some rows of a matrix `[depth, columns]`, as `[columns, rows]`.
+/// Transposes some rows of a matrix `[depth, columns]` to `[columns, rows]`.
 fn transposed(values: &[f32], columns: usize, rows: std::ops::Range<usize>) -> Vec<f32> {
     let column = |column| rows.clone().map(move |row| values[row * columns + column]);
     (0..columns).flat_map(column).collect()

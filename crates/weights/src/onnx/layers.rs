@@ -1,4 +1,4 @@
-//! Layers of a weights file as nodes, each with the normalisation behind it folded in.
+//! Layers of a weights file as nodes, with the following normalisations folded in.
 
 use super::graph::{Graph, int, ints};
 use crate::error::{Error, Result};
@@ -6,13 +6,13 @@ use lsdc_core::network::EPSILON;
 use lsdc_core::weights::Tensor;
 use std::collections::BTreeMap;
 
-/// A graph, and the tensors that its layers are made from.
+/// A graph, and the tensors of its layers.
 pub(super) struct Layers<'a> {
     pub(super) graph: Graph,
     tensors: &'a BTreeMap<String, Tensor>,
 }
 
-/// A convolution with its normalisation.
+/// Parameters of a convolution.
 #[derive(Clone, Copy)]
 pub(super) struct Conv {
     pub(super) stride: i64,
@@ -22,7 +22,7 @@ pub(super) struct Conv {
 }
 
 impl Conv {
-    /// Followed by a ReLU.
+    /// Stride 1, followed by a ReLU.
     pub(super) const SAME: Self = Self {
         stride: 1,
         dilation: 1,
@@ -59,7 +59,7 @@ impl<'a> Layers<'a> {
         self.tensors.get(name).ok_or_else(missing)
     }
 
-    /// Slopes and offsets of a batch normalisation with its running statistics.
+    /// Returns slopes and offsets of a batch normalisation with its running statistics.
     pub(super) fn batch_norm(&self, name: &str) -> Result<(Vec<f64>, Vec<f32>)> {
         let values = |part: &str| {
             let tensor = self.tensor(&format!("{name}.norm.Batch.{part}"))?;
@@ -73,7 +73,7 @@ impl<'a> Layers<'a> {
         Ok((slopes, offsets))
     }
 
-    /// A convolution and the normalisation behind it.
+    /// Adds a convolution with the following normalisation folded in.
     pub(super) fn conv_norm(&mut self, x: &str, name: &str, conv: Conv) -> Result<String> {
         let tensor = self.tensor(&format!("{name}.conv.weight"))?;
         let (slopes, bias) = self.batch_norm(name)?;
@@ -85,14 +85,14 @@ impl<'a> Layers<'a> {
         Ok(self.conv(x, name, (tensor.shape(), &values, Some(&bias)), conv))
     }
 
-    /// A convolution alone.
+    /// Adds a convolution without normalisation.
     pub(super) fn plain(&mut self, x: &str, name: &str) -> Result<String> {
         let tensor = self.tensor(&format!("{name}.weight"))?;
         let weights = (tensor.shape(), tensor.values(), None);
         Ok(self.conv(x, name, weights, Conv::SAME.linear()))
     }
 
-    /// A convolution with weights `[outputs, channels, taps, taps]`, or `[outputs, channels]` for a single tap.
+    /// Adds a convolution with weights `[outputs, channels, taps, taps]`, or `[outputs, channels]` for a single tap.
     pub(super) fn conv(
         &mut self,
         x: &str,
@@ -124,7 +124,7 @@ impl<'a> Layers<'a> {
         }
     }
 
-    /// One map plus another, enlarged.
+    /// Adds an upsampled map to another one.
     pub(super) fn add_enlarged(&mut self, x: &str, coarse: &str) -> String {
         let size = self.graph.size(x);
         let enlarged = self.graph.resize(coarse, &size);

@@ -1,4 +1,4 @@
-//! The network of weights as an ONNX graph, for ONNX Runtime, `TensorRT` and other runtimes.
+//! Export of networks as ONNX graphs, for ONNX Runtime, `TensorRT` and other runtimes.
 //!
 //! The graph computes what `lsdc_core::network::CpuNetwork` computes. Its outputs are fitted to depths by
 //! `Completer::scene_with_output`.
@@ -20,14 +20,14 @@ use proto::{
     Dimension, Entry, Length, Model, OperatorSet, Shape, TensorType, Type, ValueInfo, element,
 };
 
-/// The version of ONNX's operators, which runtimes have had since 2020.
+/// Version of the ONNX operator set, which runtimes have supported since 2020.
 pub const OPSET: i64 = 13;
-/// The version of the file format that belongs to it.
+/// Version of the file format for this operator set.
 const IR_VERSION: i64 = 7;
 
 /// Returns the bytes of an ONNX file of the network of `weights`; `origin` describes them in its metadata.
 ///
-/// Height and width of the image are chosen when the graph runs, as is the size of a batch:
+/// Height and width of the image and the batch size are chosen at run time:
 ///
 /// | name | shape | values |
 /// |---|---|---|
@@ -36,7 +36,7 @@ const IR_VERSION: i64 = 7;
 /// | `affinities` | `[batch, 2, height, width]` | of each pixel with its right and its lower neighbour, above 0 |
 ///
 /// # Errors
-/// Weights that do not match their network; a network on a pretrained encoder, or with group normalisation.
+/// The weights do not match their network, or the network has a pretrained encoder or group normalisation.
 ///
 /// ```
 /// # fn main() -> lsdc_files::error::Result<()> {
@@ -117,7 +117,7 @@ fn entry(key: &str, value: String) -> Entry {
     }
 }
 
-/// The normalised image. Its borders are padded with 0 afterwards, so that this is no part of the first layer.
+/// Normalises the image. Its borders are padded with 0 afterwards, so normalisation cannot be folded into the first layer.
 fn normalised(layers: &mut Layers<'_>, weights: &Weights) -> String {
     let shape = [1, 3, 1, 1];
     let graph = &mut layers.graph;
@@ -129,7 +129,7 @@ fn normalised(layers: &mut Layers<'_>, weights: &Weights) -> String {
     graph.apply("Div", &[&centred, &deviation])
 }
 
-/// The description of an input or output `[batch, channels, height, width]`.
+/// Returns the description of an input or output `[batch, channels, height, width]`.
 fn map(name: &str, channels: usize, doc_string: String) -> ValueInfo {
     let named = |name: &str| Length::Named(name.to_owned());
     let lengths = [

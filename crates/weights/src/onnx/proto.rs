@@ -1,7 +1,6 @@
-//! The messages of an ONNX file that are written here, by the field numbers of `onnx.proto`.
+//! Messages of an ONNX file, by the field numbers of `onnx.proto`.
 //!
-//! Fields that this library leaves out are absent. A number or text that may be 0 or empty and must be in the file is
-//! an `Option`.
+//! Unused fields are absent. A number or text that may be 0 or empty but must be in the file is an `Option`.
 
 use prost::{Message, Oneof};
 
@@ -103,7 +102,7 @@ pub(super) struct Constant {
     pub(super) data_type: i32,
     #[prost(string, tag = "8")]
     pub(super) name: String,
-    /// Little-endian.
+    /// Values in little-endian order.
     #[prost(bytes = "vec", tag = "9")]
     pub(super) raw_data: Vec<u8>,
 }
@@ -148,7 +147,7 @@ pub(super) struct Dimension {
 pub(super) enum Length {
     #[prost(int64, tag = "1")]
     Fixed(i64),
-    /// The name of a length that is chosen when the graph runs.
+    /// Name of a length that is chosen at run time.
     #[prost(string, tag = "2")]
     Named(String),
 }

@@ -13,7 +13,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// The environment variable that names another folder.
+/// Environment variable that names another folder.
 pub const FOLDER: &str = "LSDC_WEIGHTS";
 
 /// A folder of encoders.
@@ -22,23 +22,23 @@ pub struct Store {
     folder: PathBuf,
 }
 
-/// What adding an encoder has changed.
+/// Result of adding an encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Installation {
-    /// The encoder was installed, and the depth head if the file has it.
+    /// The encoder was installed, and its depth head if the file has it.
     New,
-    /// The depth head was added to the encoder, which was installed already.
+    /// The depth head was added to an installed encoder.
     Head,
-    /// Everything was installed already, and nothing has changed.
+    /// Everything was installed already.
     Unchanged,
 }
 
 impl Store {
-    /// The user's: [`FOLDER`], or `lsdc/weights` in the data folder of the platform, which is `XDG_DATA_HOME` or
-    /// `~/.local/share` but on Windows. It need not exist.
+    /// Opens the user's store: [`FOLDER`], or `lsdc/weights` in the data folder of the platform, which is `XDG_DATA_HOME`
+    /// or `~/.local/share` except on Windows. It need not exist.
     ///
     /// # Errors
-    /// The platform names no data folder of the user.
+    /// The platform has no data folder of the user.
     pub fn open() -> Result<Self> {
         if let Some(folder) = std::env::var_os(FOLDER).filter(|folder| !folder.is_empty()) {
             return Ok(Self::at(PathBuf::from(folder)));
@@ -51,41 +51,41 @@ impl Store {
         Ok(Self::at(base.data_dir().join("lsdc").join("weights")))
     }
 
-    /// That of a folder, which need not exist.
+    /// Opens the store in a folder, which need not exist.
     pub fn at(folder: PathBuf) -> Self {
         Self { folder }
     }
 
-    /// The folder.
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Where an encoder is, once it was added.
+    /// Returns the path of an installed encoder.
     pub fn path(&self, known: &KnownEncoder) -> PathBuf {
         self.folder
             .join(format!("{}-encoder.safetensors", known.weights))
     }
 
-    /// Where the depth head of an encoder is, once it was added. It has a file of its own, so that versions of this
-    /// library without heads read the encoder.
+    /// Returns the path of the installed depth head of an encoder. It has a file of its own, so that versions of this
+    /// library without heads can read the encoder.
     pub fn head_path(&self, known: &KnownEncoder) -> PathBuf {
         self.folder
             .join(format!("{}-head.safetensors", known.weights))
     }
 
-    /// Whether the depth head of an encoder was added, if it has one.
+    /// Whether the depth head of an encoder is installed; true if it has none.
     pub fn has_head(&self, known: &KnownEncoder) -> bool {
         known.head.is_none() || self.head_path(known).exists()
     }
 
     /// Adds the encoder in a file that [`read_encoder`](super::read_encoder) reads, if it is one of `known`, and its depth
-    /// head if the file has it. A file of a depth head alone is added to the encoder that is there. What is there is
+    /// head if the file has it. A file with only a depth head is added to the installed encoder. Existing files are
     /// replaced if `replace` is set.
     ///
     /// # Errors
-    /// A file that cannot be read or holds another encoder or head, one in the folder that is damaged, a head whose encoder
-    /// was not added, or a folder that cannot be written.
+    /// The file cannot be read or contains another encoder or head, an existing file is damaged, a head has no installed
+    /// encoder, or the folder cannot be written.
     pub fn add<'a>(
         &self,
         file: &Path,
@@ -130,7 +130,7 @@ impl Store {
         Ok((known, added))
     }
 
-    /// Adds a depth head. To one that is there, tensors are added that it does not have.
+    /// Adds a depth head. If one exists and `replace` is not set, both are merged; an existing head with all tensors is kept.
     fn add_head(
         &self,
         known: &KnownEncoder,
@@ -165,10 +165,11 @@ impl Store {
         write_atomically(path, |out| out.write_all(&bytes))
     }
 
-    /// The tensors of an encoder, by `DINOv2`'s names, with every bit as published, rounded to half precision.
+    /// Loads the tensors of an encoder, under `DINOv2`'s names, identical to the published values rounded to half
+    /// precision.
     ///
     /// # Errors
-    /// It was not added, or its file was damaged since.
+    /// The encoder is not installed, or its file was damaged since.
     pub fn load(&self, known: &KnownEncoder) -> Result<BTreeMap<String, Tensor>> {
         let path = self.path(known);
         if !path.exists() {
@@ -178,11 +179,11 @@ impl Store {
         verified(&path, known, known.identity)
     }
 
-    /// The tensors of the depth head of an encoder, by their published names, rounded to half precision. All but
+    /// Loads the tensors of the depth head of an encoder, under their published names, rounded to half precision. All but
     /// `depth_head.resize_layers.3.weight` have the published values.
     ///
     /// # Errors
-    /// It was not added, or its file was damaged since.
+    /// The head is not installed, or its file was damaged since.
     pub fn load_head(&self, known: &KnownEncoder) -> Result<BTreeMap<String, Tensor>> {
         let path = self.head_path(known);
         let Some(head) = known.head else {
@@ -204,7 +205,7 @@ impl Store {
         )))
     }
 
-    /// That an encoder is not installed; `needs` ends before its name.
+    /// Error of an encoder that is not installed; `needs` precedes its name.
     pub(super) fn missing(&self, known: &KnownEncoder, needs: &str) -> Error {
         let (name, folder) = (known.name, self.folder.display());
         let message = format!("{needs} {name}, which is not in `{folder}`");
@@ -212,7 +213,7 @@ impl Store {
     }
 }
 
-/// The tensors of an installed file, if those whose values are known have this identity.
+/// Loads the tensors of an installed file after checking the identity of those with known values.
 fn verified(path: &Path, known: &KnownEncoder, identity: &str) -> Result<BTreeMap<String, Tensor>> {
     let bytes = read_bounded(path)?;
     let damaged = || {
@@ -255,7 +256,7 @@ pub fn how_to_install(known: &KnownEncoder) -> String {
     )
 }
 
-/// The bytes of a safetensors file. One record, so that they are the same each time.
+/// Returns the bytes of a safetensors file, with a single metadata entry to make them reproducible.
 fn file_bytes(tensors: &BTreeMap<String, Tensor>, known: &KnownEncoder) -> Result<Vec<u8>> {
     let about = format!("{}, licence {}", known.name, known.licence);
     let metadata = HashMap::from([("about".to_owned(), about)]);
@@ -264,7 +265,7 @@ fn file_bytes(tensors: &BTreeMap<String, Tensor>, known: &KnownEncoder) -> Resul
     stored_bytes(tensors, metadata)
 }
 
-/// A tensor in half precision; `None` if it is in another.
+/// Reads a half-precision tensor; `None` for other precisions.
 fn tensor(view: &TensorView<'_>) -> Option<Tensor> {
     let is_half = view.dtype() == Dtype::F16;
     let values = is_half.then(|| FloatType::F16.values(view.data()))?;

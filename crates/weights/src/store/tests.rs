@@ -29,7 +29,7 @@ impl Scratch {
     }
 }
 
-/// The tiny encoder as a file in single precision.
+/// The file of the tiny encoder in single precision.
 fn single() -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
@@ -66,7 +66,7 @@ fn every_container_gives_the_same_file() {
         let file = scratch.folder.path().join("file");
         assert_eq!(loaded, read_encoder(&file).unwrap());
         files.push(scratch.stored());
-        // And what is kept can be given on.
+        // The stored file can be added, too.
         let stored = scratch.stored();
         assert_eq!(
             scratch.add(&stored, false).unwrap(),
@@ -89,7 +89,7 @@ fn what_is_there_is_not_touched() {
     );
     assert_eq!((written(), scratch.stored()), (before, bytes.clone()));
 
-    // Nor if it is damaged, unless asked.
+    // A damaged file is not replaced either, unless requested.
     std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
     let error = scratch.add(PYTORCH, false).unwrap_err();
     assert!(error.advice().unwrap().contains("--force"), "{error}");
@@ -97,7 +97,7 @@ fn what_is_there_is_not_touched() {
     assert_eq!(scratch.add(PYTORCH, true).unwrap(), Installation::New);
     assert_eq!(scratch.stored(), bytes);
 
-    // Nor by what is no encoder.
+    // A file without an encoder replaces nothing either.
     assert!(scratch.add(&PYTORCH[..20_000], true).is_err());
     assert_eq!(scratch.stored(), bytes);
 }
@@ -120,7 +120,7 @@ fn damage_since_then_is_noticed() {
             Err(_) => noticed += 1,
         }
     }
-    // All but those in what the header says about the licence.
+    // All changes except in the licence text of the header.
     assert!(noticed > 490, "{noticed}");
     for length in [0, 7, 100, sound.len() - 1] {
         std::fs::write(&path, &sound[..length]).unwrap();
@@ -183,7 +183,7 @@ const HEAD: [Named; 2] = [
     ),
     ("depth_head.resize_layers.3.bias", &[2], &[1.0, -2.0]),
 ];
-/// Another bias.
+/// A different bias.
 const CHANGED: Named = ("depth_head.resize_layers.3.bias", &[2], &[1.0, -2.5]);
 const LEARNED: Named = ("learned.resize_layers.3.weight", &[1, 2], &[1.0, 2.0]);
 const PUBLISHED: Named = ("depth_head.resize_layers.3.weight", &[1, 2], &[3.0, 4.0]);
@@ -196,7 +196,7 @@ fn tensors(named: &[Named]) -> BTreeMap<String, Tensor> {
     tensors.collect()
 }
 
-/// A file of the encoder, if it is wanted, and of these tensors.
+/// A file of the encoder, if requested, and of these tensors.
 fn file(encoder: bool, head: &[Named]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
@@ -236,7 +236,7 @@ fn a_depth_head_is_kept_beside_its_encoder() {
     );
     assert!(scratch.store.has_head(&WITH_HEAD));
     assert_eq!(scratch.head(), tensors(&whole));
-    // The file of the encoder is that of a version without heads.
+    // The file of the encoder equals that of a version without heads.
     let plain = Scratch::new();
     plain.add(PYTORCH, false).unwrap();
     assert_eq!(scratch.stored(), plain.stored());
@@ -244,7 +244,7 @@ fn a_depth_head_is_kept_beside_its_encoder() {
         scratch.add_with_head(&bytes, false).unwrap(),
         Installation::Unchanged
     );
-    // A file without a head leaves that which is there.
+    // A file without a head keeps the existing one.
     assert_eq!(
         scratch.add_with_head(TRANSFORMERS, true).unwrap(),
         Installation::New
@@ -276,7 +276,7 @@ fn a_depth_head_can_be_added_to_an_installed_encoder() {
         scratch.add_with_head(&alone, false).unwrap(),
         Installation::Unchanged
     );
-    // The published tensor joins the learned one.
+    // The published tensor is added to the learned one.
     let published = file(true, &[one, other, PUBLISHED]);
     assert_eq!(
         scratch.add_with_head(&published, false).unwrap(),
