@@ -1,10 +1,10 @@
-//! The largest differences of this platform's completions from the golden ones, whatever it is, without training:
+//! Prints the largest differences of completions on this platform, whichever it is, from the golden ones, without training:
 //!
 //!     cargo run --release -p lsdc-eval --example golden             compares, and fails beyond the tolerance
 //!     cargo run --release -p lsdc-eval --example golden -- FOLDER   also writes the inputs, for crates/wasm/npm/tests/golden.mjs
 //!
 //! Differences are shares of the range of depths, for the golden depths, standard deviations and leave-one-out errors of the
-//! default settings, and all results ([platforms](../../../docs/platforms.md)). `LSDC_SIMD` chooses the instruction set.
+//! Differences are relative to the range of depths, for the golden depths, standard deviations and leave-one-out errors of the
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
@@ -16,7 +16,7 @@ use lsdc_kernels::simd::Level;
 use std::error::Error;
 use std::path::Path;
 
-/// Part of the program, so that it can run on another machine.
+/// Embedded, so that the program can run on another machine.
 static GOLDEN: &[u8] = include_bytes!("../../weights/golden/depths.safetensors");
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let results = of_rooms(&inputs, |name| {
         lsdc_weights::open_completer(Some(name.as_ref())).unwrap()
     });
-    // Of the kinds of results by their names, for example `small/random/depth`.
+    // Largest difference of the results of the default settings whose names end with `ends`; of all results if it is empty.
     let largest = |ends: &str| {
         let of_default = |name: &str| name.matches('/').count() == 2 && name.ends_with(ends);
         let some = results.iter();

@@ -1,4 +1,4 @@
-//! How well depths of a sequence agree over its views: a table of methods, numbers of points, and errors of poses.
+//! Consistency of the depths of a sequence over its views: a table of methods, numbers of points, and pose errors.
 //!
 //!     cargo run --release -p lsdc-eval --example views -- --rooms 4 --points 50,200,1000
 //!     cargo run --release -p lsdc-eval --example views -- --seven-scenes DIR --step 5 --frames 40
@@ -116,12 +116,12 @@ fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Whether a method depends on the poses.
+/// Returns whether a method depends on the poses.
 fn sees_poses(method: &str) -> bool {
     ["views", "past"].contains(&method)
 }
 
-/// The images of a sequence, read by the network once.
+/// A sequence with its images, each read by the network once.
 struct Scenes<'a> {
     sequence: &'a Sequence,
     scenes: Vec<Scene>,
@@ -139,7 +139,7 @@ impl<'a> Scenes<'a> {
         })
     }
 
-    /// The points of all frames with the poses that methods are given.
+    /// Returns the points of all frames with the poses given to methods.
     fn views(task: &SequenceTask<'_>) -> Result<Vec<PosedView>> {
         let pairs = task.cameras.iter().zip(&task.sparse);
         pairs
@@ -211,7 +211,7 @@ const OPTIONS: [&str; 13] = [
     "write",
 ];
 
-/// Pairs of an option and its value.
+/// Option names and values.
 struct Arguments(BTreeMap<String, String>);
 
 impl Arguments {
@@ -245,7 +245,7 @@ impl Arguments {
         texts.map(|text| parsed(name, text)).collect()
     }
 
-    /// The sequences of a motion, rendered or read one at a time.
+    /// Returns the sequences of a motion, rendered or read one at a time.
     fn sequences(&self, motion: &str) -> Result<Box<dyn Iterator<Item = Result<Sequence>> + '_>> {
         let frames = self.number("frames", FRAMES)?;
         if let Some(folder) = self.value("seven-scenes") {

@@ -1,17 +1,17 @@
-//! Settings of a fit that are laid over those of weights.
+//! Settings of a fit that override those of weights.
 
 use lsdc_core::fit::FitConfig;
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 
-/// Settings of a fit, as far as they are given.
+/// Some or all settings of a fit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct FitSettings(pub toml::Table);
 
 impl FitSettings {
-    /// All settings of a fit.
+    /// Returns all settings of a fit.
     ///
     /// # Errors
     /// None for a checked fit.
@@ -19,7 +19,7 @@ impl FitSettings {
         toml::Table::try_from(fit).map(Self).map_err(unfit)
     }
 
-    /// Lays what is given over a fit.
+    /// Overrides the settings of a fit with the given ones.
     ///
     /// # Errors
     /// An unknown key, or a value out of range.
@@ -37,7 +37,7 @@ fn unfit(e: impl Display) -> Error {
         .hint("docs/fit.md explains every setting")
 }
 
-/// Lays `over` on top of `base`, table by table.
+/// Merges `over` into `base`, table by table; values of `over` win.
 pub fn merge(base: &mut toml::Table, over: toml::Table) {
     for (key, value) in over {
         match (base.get_mut(&key), value) {

@@ -18,7 +18,7 @@
 //! # }
 //! ```
 //!
-//! Weights come from `lsdc-weights`, files from `lsdc-files`; `lsdc-train` learns from the same datasets.
+//! Weights come from `lsdc-weights`, files from `lsdc-files`; `lsdc-train` trains on the same datasets.
 
 pub mod data;
 pub mod evaluation;
@@ -28,7 +28,7 @@ pub mod predict;
 pub mod report;
 pub mod sampling;
 
-/// The indices at most `reach` from `at`, among those below `length`.
+/// Returns the indices within `reach` of `at` that are below `length`.
 fn window(at: usize, reach: usize, length: usize) -> std::ops::Range<usize> {
     at.saturating_sub(reach)..at.saturating_add(reach + 1).min(length)
 }

@@ -1,4 +1,4 @@
-//! Datasets as they lie on disk: written here in each layout, read back to the last bit.
+//! Datasets written to disk in each layout and read back exactly.
 
 #![allow(clippy::unwrap_used)]
 
@@ -18,7 +18,7 @@ use std::sync::Arc;
 const WIDTH: usize = 12;
 const HEIGHT: usize = 9;
 
-/// Frame `i`: depths in whole millimetres, so that every format can hold them.
+/// Frame `i`: depths in whole millimetres, so that every format can represent them.
 fn frame(i: usize) -> (RgbImage, DepthMap) {
     let rgb = RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| {
         Rgb([(x * 20) as u8, (y * 25 + 3) as u8, (i * 40) as u8])
@@ -53,14 +53,14 @@ fn same(found: &Frame, i: usize) {
     assert_eq!(found.depth, depth, "{}", found.id);
 }
 
-/// Three planes of rows, as the sparse-to-dense files have them.
+/// Returns three row-major planes, as in sparse-to-dense files.
 fn planes(rgb: &RgbImage) -> Vec<u8> {
     (0..3)
         .flat_map(|c| rgb.pixels().map(move |p| p[c]))
         .collect()
 }
 
-/// Three planes of columns, as MATLAB has them.
+/// Returns three column-major planes, as in MATLAB files.
 fn columns(rgb: &RgbImage) -> Vec<u8> {
     (0..3)
         .flat_map(|c| (0..rgb.width()).flat_map(move |x| (0..rgb.height()).map(move |y| (c, x, y))))
@@ -96,7 +96,7 @@ fn write_h5(path: &Path, i: usize, filter: usize) {
     builder.write(path).unwrap();
 }
 
-/// A labelled file of `count` frames; raw depths lack every seventh pixel.
+/// Writes a labelled file of `count` frames; raw depths lack every seventh pixel.
 fn write_mat(path: &Path, count: usize) {
     let mut builder = FileBuilder::new();
     builder.with_userblock(512);
@@ -168,7 +168,7 @@ fn nyu_is_the_same_in_every_form() {
                 format!("png/val/kitchen/{n:05}_depth.png"),
             ),
         ] {
-            // PNG under the name of a JPEG: the content decides, and nothing is lost.
+            // A PNG with the name of a JPEG: the content determines the format, and is lossless.
             let scratch = tree(format!("{image}.png"));
             write_rgb(&scratch, &rgb).unwrap();
             std::fs::rename(scratch, tree(image)).unwrap();
@@ -204,7 +204,7 @@ fn the_labelled_file_follows_the_official_split() {
     let frames = open(DatasetKind::Nyu, folder.path(), Split::Val).unwrap();
     assert_eq!(frames.len(), 654);
     assert!(frames.description().contains("official split"));
-    // The third test frame is the ninth of all.
+    // The third test frame has the official number 9.
     assert_eq!(frames.id(2), "00009");
     same(&frames.load(2).unwrap(), 8);
 
@@ -265,7 +265,7 @@ fn the_crops_of_conti_bring_their_points() {
     assert_eq!(found.sparse.unwrap().values(), points);
 }
 
-/// A boolean, float32 or float64 mask: every fifth pixel is invalid.
+/// Writes a boolean, float32 or float64 mask in which every fifth pixel is invalid.
 fn write_mask(path: &Path, kind: usize) {
     use npyz::WriterBuilder as _;
     let shape = [HEIGHT as u64, WIDTH as u64];
@@ -356,7 +356,7 @@ fn diode_is_found_by_its_list_or_by_walking() {
     assert!(open(DatasetKind::Diode, folder.path(), Split::Train).is_err());
 }
 
-/// Depths in units of 1/256 m.
+/// Writes depths in units of 1/256 m.
 fn write_256(path: &Path, units: impl Fn(usize) -> u16) {
     let values = (0..WIDTH * HEIGHT).map(units).collect();
     let image: ImageBuffer<Luma<u16>, Vec<u16>> =
@@ -454,7 +454,7 @@ fn tum_pairs_images_and_depths() {
     let frames = open(DatasetKind::Tum, folder.path(), Split::Val).unwrap();
     assert_eq!(frames.len(), 2);
     same(&frames.load(1).unwrap(), 1);
-    // Depth first, as of ICL-NUIM.
+    // Depth first, as in ICL-NUIM.
     for one in [
         "1.05 rgb/1.05.png 1.05 depth/1.05.png\n",
         "1.05 depth/1.05.png 1.05 rgb/1.05.png\n",
@@ -509,7 +509,7 @@ fn a_place_without_the_dataset_is_an_error_that_helps() {
     }
 }
 
-/// Export wrote one file for two frames that had one name.
+/// Regression test: export wrote one file for two frames with the same name.
 #[test]
 fn two_scenes_of_nyu_with_frames_of_one_number_keep_their_names() {
     let folder = tempfile::tempdir().unwrap();
@@ -599,7 +599,7 @@ fn scans_are_returns_rounded_to_pixels() {
     let (rgb, _) = frame(3);
     let returns = [
         (0.0, 0.0, 4.0, 5),
-        // Pixels reach from -0.5 to 0.5.
+        // Pixels extend from -0.5 to 0.5.
         (-0.5, 0.49, 6.0, 7),
         (3.5, 2.4, 8.0, -1),
         (4.4, 1.6, 7.0, 3),

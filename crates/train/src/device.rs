@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 #[cfg(feature = "wgpu")]
 use std::sync::{Mutex, PoisonError};
 
-/// The names that `device` understands in this build.
+/// Returns the device names available in this build.
 pub fn names() -> Vec<&'static str> {
     let mut names = vec!["cpu"];
     if cfg!(feature = "ndarray") {
@@ -43,7 +43,7 @@ pub fn device(name: &str) -> Result<Device> {
     }
 }
 
-/// That a device is not part of this build, and with which command it is.
+/// Returns the error for a device that is not part of this build, with the command that includes it.
 #[cfg(not(all(feature = "wgpu", feature = "ndarray")))]
 fn without(name: &str, feature: &str) -> Error {
     Error::device(format!("this build has no device `{name}`")).hint(format!(
@@ -52,10 +52,10 @@ fn without(name: &str, feature: &str) -> Error {
     ))
 }
 
-/// Opens several devices, named with commas between them.
+/// Opens several devices, separated by commas.
 ///
 /// # Errors
-/// As [`device`], for the first that cannot be opened.
+/// The errors of [`device`], for the first device that cannot be opened.
 pub fn devices(names: &str) -> Result<Vec<Device>> {
     names.split(',').map(|name| device(name.trim())).collect()
 }
@@ -65,14 +65,14 @@ fn ndarray() -> Device {
     Device::ndarray()
 }
 
-/// By name. A process opens a device once; burn refuses a second time.
+/// Opened devices by name. A process opens a device once; burn refuses a second time.
 #[cfg(feature = "wgpu")]
 static OPENED: Mutex<BTreeMap<String, (Device, Adapter)>> = Mutex::new(BTreeMap::new());
 
-/// The GPU that networks prepared for inference run on, of a device; nothing if it is none.
+/// Returns the GPU for prepared networks that corresponds to a device; `None` if the device is not a GPU.
 ///
 /// # Errors
-/// A GPU that cannot be opened a second time.
+/// The GPU cannot be opened a second time.
 #[cfg(feature = "wgpu")]
 pub fn gpu(device: &Device) -> Result<Option<Gpu>> {
     let opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,7 +1,7 @@
 //! Networks for depth completion on burn's tensors, and their training.
 //!
-//! [`ops`] are differentiable operations, [`model`] the network, [`sample`] turns frames into batches, [`training`] is
-//! a run with all that follows it, and [`predict`] completes depth on any [`device`].
+//! [`ops`] are differentiable operations, [`model`] is the network, [`sample`] turns frames into batches, [`training`] runs
+//! training, calibration and publishing, and [`predict`] completes depth on any [`device`].
 //!
 //! ```
 //! # fn main() -> lsdc_files::error::Result<()> {
@@ -14,10 +14,10 @@
 //! # }
 //! ```
 //!
-//! Datasets and metrics come from `lsdc-eval`, weights files from `lsdc-weights`; `lsdc-paper` trains other systems with
-//! the same runs.
+//! Datasets and metrics come from `lsdc-eval`, weights files from `lsdc-weights`; `lsdc-paper` trains other systems with the
+//! same training runs.
 
-// burn's authors deprecate ndarray in favour of flex; it stays available on request.
+// burn deprecates ndarray in favour of flex; it remains available on request.
 #![cfg_attr(feature = "ndarray", allow(deprecated))]
 
 pub mod device;

@@ -1,4 +1,4 @@
-//! A colour image and what is known of its depth.
+//! A colour image with its depth.
 
 use super::DepthMap;
 use image::RgbImage;
@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 /// The name of a frame: unique in its dataset, stable between machines.
 pub type FrameId = String;
 
-/// Refuses a name that leads out of the folder below which files are named so.
+/// Rejects a name that would place files outside of their folder.
 ///
 /// # Errors
-/// An absolute name, one with `..` or a backslash, or none.
+/// An absolute or empty name, or one with `..` or a backslash.
 pub fn check_name(name: &str) -> Result<()> {
-    // `C:` is a folder of its own on Windows.
+    // `C:` is a path of its own on Windows.
     let drive = |part: &str| part.as_bytes().get(1) == Some(&b':');
     let plain = |part: &str| !matches!(part, "" | "." | "..") && !drive(part);
     if name.split('/').all(plain) && !name.contains(['\\', '\0']) {
@@ -25,51 +25,50 @@ pub fn check_name(name: &str) -> Result<()> {
     )
 }
 
-/// Where a frame was taken; some protocols treat the two differently.
+/// Whether a frame was taken indoors or outdoors; some protocols treat them differently.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Environment {
-    /// In a room.
+    /// In a building.
     #[default]
     Indoor,
-    /// Under the sky.
+    /// In the open.
     Outdoor,
 }
 
-/// What a network is to find in a frame, where that is not its depth.
+/// The training target of a frame, if it is not the depth of the frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// Metres along the optical axis, as large as the frame.
+    /// Depth in metres along the optical axis, as large as the frame.
     pub depth: DepthMap,
-    /// How much an error at each pixel counts, from 0 to 1, row by row.
+    /// Weight of the error at each pixel, from 0 to 1, row by row.
     pub weights: Vec<f32>,
 }
 
 /// A colour image and the depth of the same pixels.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// The frame's name.
+    /// Name of the frame.
     pub id: FrameId,
-    /// 8-bit sRGB.
+    /// 8-bit sRGB image.
     pub rgb: RgbImage,
-    /// Metres along the optical axis, as large as `rgb`.
+    /// Depth in metres along the optical axis, as large as `rgb`.
     pub depth: DepthMap,
-    /// The sparse depths that come with the dataset, if any, as large as `rgb`.
+    /// Sparse depths provided by the dataset, if any, as large as `rgb`.
     pub sparse: Option<DepthMap>,
-    /// Which depths the dataset declares valid, if it does, row by row.
+    /// Validity mask provided by the dataset, if any, row by row.
     pub mask: Option<Vec<bool>>,
-    /// Of a laser scan, whose returns are all in `sparse`: the scanner's ring that saw each pixel, row by row; -1 where
-    /// there is no return or its ring is unknown. Points are drawn from the returns, and those that are given are not
-    /// scored.
+    /// For laser scans, whose returns are all in `sparse`: the scanner ring of each pixel, row by row; -1 where there is no
+    /// return or the ring is unknown. Points are drawn from the returns, and given returns are not scored.
     pub rings: Option<Vec<i32>>,
-    /// Where the frame was taken.
+    /// Whether the frame was taken indoors or outdoors.
     pub place: Environment,
-    /// What is to be learned from the frame, if a teacher has seen it.
+    /// Training target, if a teacher provides one.
     pub target: Option<Target>,
 }
 
 impl Frame {
-    /// A frame without points or mask of its own, taken in a room.
+    /// Creates an indoor frame without sparse depths or mask.
     ///
     /// # Errors
     /// Image and depth of different sizes.
@@ -88,27 +87,27 @@ impl Frame {
         Ok(frame)
     }
 
-    /// Adds the sparse depths that come with the dataset.
+    /// Adds the sparse depths provided by the dataset.
     ///
     /// # Errors
-    /// They are not as large as the image.
+    /// The sizes of depths and image differ.
     pub fn with_sparse(mut self, sparse: DepthMap) -> Result<Self> {
         self.check_size("sparse depth map", sparse.width(), sparse.height())?;
         self.sparse = Some(sparse);
         Ok(self)
     }
 
-    /// Adds the dataset's validity mask of `height` rows of `width`.
+    /// Adds the validity mask provided by the dataset: `height` rows of `width`.
     ///
     /// # Errors
-    /// It is not as large as the image.
+    /// The sizes of mask and image differ.
     pub fn with_mask(mut self, width: usize, height: usize, mask: Vec<bool>) -> Result<Self> {
         self.check_size("validity mask", width, height)?;
         self.mask = Some(mask);
         Ok(self)
     }
 
-    /// Makes the frame a laser scan: its sparse depths are the returns, seen by these rings.
+    /// Makes the frame a laser scan: its sparse depths are the returns, and `rings` has the ring of each pixel.
     ///
     /// # Errors
     /// No sparse depths, or not one ring for each pixel.
@@ -126,7 +125,7 @@ impl Frame {
         Ok(self)
     }
 
-    /// Whether its depths are those of single points and not of surfaces: the returns of a laser scan, or depths at fewer
+    /// Returns whether the depths are isolated points rather than surfaces: the returns of a laser scan, or depths at fewer
     /// than half of the pixels.
     pub fn is_sparse(&self) -> bool {
         self.rings.is_some() || 2 * self.depth.count() < self.depth.values().len()

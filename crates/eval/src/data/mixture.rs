@@ -1,4 +1,4 @@
-//! Several datasets to learn from.
+//! A mixture of datasets for training.
 
 use super::{Dataset, Frame, FrameId};
 use lsdc_files::error::Result;
@@ -6,8 +6,8 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Datasets one after the other. The first is the one that networks are to be good at: they are measured and
-/// calibrated on its frames, which keep their names; those of the others are preceded by a number.
+/// Concatenated datasets. Networks are evaluated and calibrated on the first dataset, whose frames keep their names; the names
+/// of other frames are prefixed with the number of their dataset.
 #[derive(Clone)]
 pub struct Mixture {
     parts: Vec<(Arc<dyn Dataset>, Option<f64>)>,
@@ -20,8 +20,8 @@ impl From<Arc<dyn Dataset>> for Mixture {
 }
 
 impl Mixture {
-    /// A dataset, and others with their shares of all frames that are seen; without a share, each of their frames is
-    /// seen as often as those of the first.
+    /// Mixes a dataset with others, each with its share of all training frames. Without a share, each frame of a dataset is
+    /// drawn as often as a frame of the first one.
     pub fn new(first: Arc<dyn Dataset>, others: Vec<(Arc<dyn Dataset>, Option<f64>)>) -> Self {
         let parts = std::iter::once((first, None)).chain(others);
         Self {
@@ -29,12 +29,12 @@ impl Mixture {
         }
     }
 
-    /// The first dataset, whose frames have the same indices here.
+    /// Returns the first dataset, whose frames have the same indices in the mixture.
     pub fn first(&self) -> &Arc<dyn Dataset> {
         &self.parts[0].0
     }
 
-    /// The frames of each dataset, and its share.
+    /// Returns the index range and the share of each dataset.
     pub fn parts(&self) -> impl Iterator<Item = (Range<usize>, Option<f64>)> {
         self.parts.iter().scan(0, |start, (frames, share)| {
             let range = *start..*start + frames.len();
@@ -43,7 +43,7 @@ impl Mixture {
         })
     }
 
-    /// The dataset of a frame: its number, itself, and the index of the frame there.
+    /// Returns the dataset of a frame: its number, the dataset, and the index of the frame in it.
     fn part(&self, index: usize) -> (usize, &dyn Dataset, usize) {
         let mut ranges = self.parts().map(|(range, _)| range).enumerate();
         let found = ranges.find(|(_, range)| range.contains(&index));

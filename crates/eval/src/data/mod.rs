@@ -1,4 +1,4 @@
-//! Datasets: frames of files, and what makes a dataset of them.
+//! Datasets: reading frames from files, and describing datasets.
 
 mod frame;
 mod mixture;
@@ -31,19 +31,19 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// Which part of a dataset.
+/// Part of a dataset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Split {
-    /// Frames to learn from.
+    /// Frames for training.
     #[default]
     Train,
-    /// Frames to measure on.
+    /// Frames for validation.
     Val,
 }
 
 impl Split {
-    /// The name in paths and on the command line.
+    /// Returns the name in paths and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Train => "train",
@@ -51,7 +51,7 @@ impl Split {
         }
     }
 
-    /// Whether a folder of this name holds the split.
+    /// Returns whether a folder of this name contains the split.
     fn is_called(self, folder: &str) -> bool {
         match self {
             Self::Train => folder == "train",
@@ -62,37 +62,36 @@ impl Split {
 
 /// A list of frames, loaded one at a time.
 pub trait Dataset: Send + Sync {
-    /// What was found: the dataset's name, how it is stored, which depths these are.
+    /// Describes the dataset: its name, storage format and kind of depths.
     fn description(&self) -> String;
 
-    /// The name of the protocol by which it is measured by convention.
+    /// Returns the name of the protocol that is conventional for this dataset.
     fn protocol(&self) -> &'static str {
         "full"
     }
 
-    /// Whether frames have depths. Images alone can be learned from with a teacher.
+    /// Returns whether frames have depths. Images without depth can be used in training with a teacher.
     fn has_depth(&self) -> bool {
         true
     }
 
-    /// The number of frames.
+    /// Returns the number of frames.
     fn len(&self) -> usize;
 
-    /// Whether there are no frames.
+    /// Returns whether there are no frames.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The name of frame `index`, which must be below `len`.
+    /// Returns the name of frame `index`, which must be below `len`.
     fn id(&self, index: usize) -> FrameId;
 
-    /// The scene or recording that frame `index` shows, if the dataset knows it by other means than the folders in names.
+    /// Returns the scene or recording of frame `index`, if the dataset defines it other than by the folders in names.
     fn scene(&self, _index: usize) -> Option<String> {
         None
     }
 
-    /// The files that frame `index` is read from, as far as it has any: results are used again only
-    /// if these are as they were.
+    /// Returns the files of frame `index`, if there are any. Stored results are reused only if these files are unchanged.
     fn files(&self, _index: usize) -> Vec<PathBuf> {
         Vec::new()
     }
@@ -104,7 +103,7 @@ pub trait Dataset: Send + Sync {
     fn load(&self, index: usize) -> Result<Frame>;
 }
 
-/// The frames of a dataset by what was found, their number and their names, for the records of what was made from them.
+/// Describes the frames of a dataset by their source, number and names, for the records of derived files.
 pub fn frames_record(frames: &dyn Dataset) -> Value {
     let names: Vec<FrameId> = (0..frames.len()).map(|index| frames.id(index)).collect();
     json!({

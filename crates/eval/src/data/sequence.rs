@@ -22,15 +22,15 @@ pub struct Sequence {
     frames: Vec<PosedFrame>,
 }
 
-/// Seconds of the first frame in files, and between frames: names of files are times.
+/// Timestamp of the first frame in written files, in seconds; file names are timestamps.
 const START: f64 = 1000.0;
 const INTERVAL: f64 = 0.1;
 
 impl Sequence {
-    /// The frames of a scene, with what it is.
+    /// Creates a sequence from the frames of a scene, with a description.
     ///
     /// # Errors
-    /// Fewer than two frames, or a camera with numbers that cannot be.
+    /// Fewer than two frames, or a camera with invalid parameters.
     pub fn new(description: String, frames: Vec<PosedFrame>) -> Result<Self> {
         if frames.len() < 2 {
             let count = frames.len();
@@ -49,12 +49,12 @@ impl Sequence {
         })
     }
 
-    /// What it is.
+    /// Returns the description.
     pub fn description(&self) -> &str {
         &self.description
     }
 
-    /// The frames in the order of time; at least two.
+    /// Returns the frames in the order of time; at least two.
     pub fn frames(&self) -> &[PosedFrame] {
         &self.frames
     }
@@ -64,8 +64,7 @@ impl Sequence {
     /// camera to world) and `camera.json`, the intrinsics. Times are seconds, 0.1 s apart. `sparse` has a map for each frame.
     ///
     /// # Errors
-    /// A number of maps that is not that of the frames, cameras of different intrinsics or with a distortion, or files that
-    /// cannot be written.
+    /// The numbers of maps and frames differ, cameras have different intrinsics or a distortion, or files cannot be written.
     pub fn write(&self, folder: &Path, sparse: &[DepthMap]) -> Result<()> {
         if sparse.len() != self.frames.len() {
             return Err(Error::shape(format!(
@@ -114,7 +113,7 @@ impl Sequence {
         })
     }
 
-    /// The intrinsics that all frames have.
+    /// Returns the intrinsics shared by all frames.
     fn intrinsics(&self) -> Result<Intrinsics> {
         let of = |posed: &PosedFrame| {
             let camera = &posed.camera;
@@ -146,7 +145,7 @@ struct Intrinsics {
     center: [f64; 2],
 }
 
-/// The quaternion x, y, z, w of a rotation matrix, given row by row (Shepperd 1978): divided by the largest of the four.
+/// Returns the quaternion x, y, z, w of a rotation matrix, given row by row (Shepperd 1978): divides by the largest component.
 fn quaternion(m: [[f64; 3]; 3]) -> [f64; 4] {
     let trace = m[0][0] + m[1][1] + m[2][2];
     let largest = (0..3).fold(None, |best: Option<usize>, i| {
@@ -181,7 +180,7 @@ mod tests {
     use image::RgbImage;
     use lsdc_files::rotation_matrix;
 
-    /// Each of the four numbers is the largest once.
+    /// Each component is the largest one once.
     const QUATERNIONS: [[f64; 4]; 4] = [
         [0.8, 0.4, 0.2, 0.4],
         [0.1, -0.7, 0.5, 0.5],
@@ -203,7 +202,7 @@ mod tests {
     #[test]
     fn written_files_are_read_back() {
         let folder = tempfile::tempdir().unwrap();
-        // 90 degrees about y: the camera looks along x of the world.
+        // 90 degrees about y: the camera looks along the x axis of the world.
         let rotation = [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
         let frame = |i: usize| PosedFrame {
             frame: Frame::new(

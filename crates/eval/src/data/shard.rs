@@ -1,4 +1,4 @@
-//! A share of the frames, for many machines without an engine.
+//! Shards of the frames of a dataset, for evaluation on many machines.
 
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// Part `index` of `count`: drawn by the frames' names, whatever their order.
+/// Shard `index` of `count`. Frames are assigned by their names, independent of their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Shard {
     index: u32,
@@ -17,10 +17,10 @@ impl Shard {
     /// All frames.
     pub const WHOLE: Self = Self { index: 0, count: 1 };
 
-    /// The parts that are missing to the whole, if these are parts of one.
+    /// Returns the shards that are missing to complete these.
     ///
     /// # Errors
-    /// They are parts of different numbers, or one is there twice.
+    /// The shards have different counts, or one occurs twice.
     pub fn missing(parts: &[Self]) -> Result<Vec<Self>> {
         let count = parts.first().map_or(1, |part| part.count);
         if let Some(other) = parts.iter().find(|part| part.count != count) {
@@ -40,14 +40,14 @@ impl Shard {
         Ok(missing)
     }
 
-    /// Whether a frame belongs to this part.
+    /// Returns whether a frame belongs to this shard.
     pub fn holds(self, frame: &str) -> bool {
         Rng::stream(0, &["shard", frame]).below(self.count) == self.index
     }
 }
 
 impl Display for Shard {
-    /// A name for a folder, as in `0-of-4`.
+    /// Writes a name for a folder, for example `0-of-4`.
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}-of-{}", self.index, self.count)
     }
@@ -56,7 +56,7 @@ impl Display for Shard {
 impl FromStr for Shard {
     type Err = Error;
 
-    /// `I/N` with I from 0 to N - 1.
+    /// Parses `I/N` with I from 0 to N - 1.
     fn from_str(text: &str) -> Result<Self> {
         text.split_once('/')
             .and_then(|(index, count)| {

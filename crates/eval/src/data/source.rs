@@ -1,4 +1,4 @@
-//! Which dataset, and where it lies.
+//! Choice and location of a dataset.
 
 use super::sets::{self, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
 use super::{Dataset, Mixture, Split, check_name};
@@ -27,7 +27,7 @@ pub enum DatasetKind {
     Tum,
     /// Marigold-DC's folder of images, points and truth.
     Marigold,
-    /// Images with the returns of a laser scanner beside them.
+    /// Images with the returns of a laser scanner.
     Scans,
     /// Any tree described by path templates.
     Folder,
@@ -47,7 +47,7 @@ impl DatasetKind {
         Self::Folder,
     ];
 
-    /// The name in configs and on the command line.
+    /// Returns the name in configs and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rooms => "rooms",
@@ -63,16 +63,16 @@ impl DatasetKind {
     }
 }
 
-/// A dataset and its place.
+/// A dataset with its location and settings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DataConfig {
     /// The kind of dataset.
     pub dataset: DatasetKind,
-    /// Its folder, or the file that holds it; `LSDC_DATA/<dataset>` or `LSDC_DATA` if absent.
+    /// Folder or file of the dataset; `LSDC_DATA/<dataset>` or `LSDC_DATA` if absent.
     pub root: Option<PathBuf>,
-    /// Of one of `more`: its share of all frames that training sees. Absent: each of its frames is seen as often as
-    /// those of the first dataset.
+    /// For datasets in `more`: share of all training frames. If absent, each frame is drawn as often as a frame of the first
+    /// dataset.
     pub share: Option<f64>,
     /// Settings of `dataset = "nyu"`.
     pub nyu: NyuConfig,
@@ -82,7 +82,7 @@ pub struct DataConfig {
     pub folder: FolderConfig,
     /// Settings of `dataset = "rooms"`.
     pub rooms: RoomsConfig,
-    /// Further datasets that `lsdc train` learns from. It measures and calibrates on the first alone.
+    /// Further datasets for `lsdc train`. Validation and calibration use only the first dataset.
     pub more: Vec<Self>,
 }
 
@@ -90,7 +90,7 @@ impl DataConfig {
     /// Checks the shares.
     ///
     /// # Errors
-    /// A share that is not above 0, or shares that leave nothing to the first dataset.
+    /// A share that is not above 0, or shares that leave none to the first dataset.
     pub fn check(&self) -> Result<()> {
         let shares = || self.more.iter().filter_map(|more| more.share);
         let sum: f64 = shares().sum();
@@ -111,7 +111,7 @@ impl DataConfig {
     /// Opens the dataset and all further ones.
     ///
     /// # Errors
-    /// As [`Self::open`].
+    /// The errors of [`Self::open`].
     pub fn open_all(&self, split: Split, fallback: Option<&Path>) -> Result<Mixture> {
         let first = self.open(split, fallback)?;
         let more = self.more.iter();
@@ -119,11 +119,10 @@ impl DataConfig {
         Ok(Mixture::new(first, more.collect::<Result<_>>()?))
     }
 
-    /// Opens the dataset without further ones; `fallback` is the folder that holds datasets by name.
+    /// Opens the dataset without further ones; `fallback` is the folder that contains datasets by name.
     ///
     /// # Errors
-    /// An unknown or unreadable folder, no frame in it, or frames whose names are not their own or
-    /// lead out of a folder.
+    /// An unknown or unreadable folder, no frame in it, or frames whose names are not unique or lead out of the folder.
     pub fn open(&self, split: Split, fallback: Option<&Path>) -> Result<Arc<dyn Dataset>> {
         let root = || self.folder(fallback);
         let frames: Arc<dyn Dataset> = match self.dataset {
@@ -137,7 +136,7 @@ impl DataConfig {
             DatasetKind::Scans => Arc::new(sets::scans(&root()?)?),
             DatasetKind::Folder => Arc::new(Folder::open(&root()?, split, &self.folder)?),
         };
-        // Results are kept under the names of frames.
+        // Results are stored under the names of frames.
         let mut names = HashSet::new();
         for index in 0..frames.len() {
             let name = frames.id(index);
@@ -150,7 +149,7 @@ impl DataConfig {
         Ok(frames)
     }
 
-    /// Where the files of the dataset lie: its `root`, or below `fallback`.
+    /// Returns the location of the dataset: its `root`, or a path below `fallback`.
     ///
     /// # Errors
     /// Neither is known.

@@ -1,4 +1,4 @@
-//! What is measured: our own methods, or the depth maps of any other program.
+//! Candidates of an evaluation: the methods of this program, or depth maps of another program.
 
 use crate::data::{DepthMap, Frame, GuideSource, Unit, read_depth, stored_unit};
 use crate::metrics::PredictedErrors;
@@ -17,32 +17,31 @@ use std::sync::Arc;
 pub enum Candidate {
     /// A method of this program.
     Method(Method),
-    /// A method that is given image and points at a smaller size, and its result enlarged.
+    /// A method that completes at a smaller size, with its result enlarged.
     Enlarged {
         /// The method.
         method: Method,
         /// The smaller size.
         from: Size,
-        /// By what.
+        /// Kind of enlargement.
         by: Enlargement,
     },
-    /// A system that is given image and points at a smaller size if that is named, and its result enlarged bilinearly.
+    /// A trained system; if `from` is set, it completes at that size, and its result is enlarged bilinearly.
     System {
         /// The system with its weights.
         system: Arc<dyn DepthCompleter>,
-        /// What its predictions depend on.
+        /// Record of the inputs that its predictions depend on.
         made_from: Map<String, Value>,
-        /// The smaller size.
+        /// The smaller size; `None` for the size of the frame.
         from: Option<Size>,
     },
-    /// `FRAME.npy` (metres) or `FRAME.png` (millimetres, or the unit that the file records) in this
-    /// folder, or in its `seedN`, which there must be for each of several draws.
+    /// Predictions in this folder, or in its `seedN` folders, which must exist if there are several draws: `FRAME.npy` (metres)
+    /// or `FRAME.png` (millimetres, or the unit recorded in the file).
     Files(PathBuf),
 }
 
 impl Candidate {
-    /// Checks that there are predictions of each draw of points: one that counted for several would
-    /// have no spread over them.
+    /// Checks that there are predictions for each draw of points: one prediction used for several draws would have no spread.
     pub(super) fn check_draws(&self, name: &str, seeds: &[u64]) -> Result<()> {
         let Self::Files(folder) = self else {
             return Ok(());
@@ -61,7 +60,8 @@ impl Candidate {
         }
     }
 
-    /// What its predictions depend on, beside the network and its fit: files by their contents.
+    /// Returns a record of the inputs of its predictions, apart from the network and its fit. Files are recorded by their
+    /// contents.
     ///
     /// # Errors
     /// A folder that cannot be read.
@@ -85,16 +85,16 @@ impl Candidate {
     }
 }
 
-/// How a result comes to a larger size than what it was computed from.
+/// Method of enlarging a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Enlargement {
     /// Bilinear interpolation between depths.
     Bilinear,
-    /// Basis functions read at the larger size (Fang et al., section 4.5); `lsdc` alone has any.
+    /// Basis functions evaluated at the larger size (Fang et al., section 4.5); only for `lsdc`.
     Bases,
 }
 
-/// What the predictions of a frame have in common: its basis functions, and those of its guide.
+/// State shared by the predictions of a frame: its features and basis functions, and its guide if there is one.
 pub(super) struct PreparedFrame<'a> {
     network: Option<(&'a Completer, Scene)>,
     uncertainty: bool,
@@ -124,8 +124,8 @@ impl<'a> PreparedFrame<'a> {
         })
     }
 
-    /// The depth map of a candidate for a frame and its points, and the predicted distribution of its errors
-    /// if uncertainty is measured and the candidate predicts it.
+    /// Returns the depth map of a candidate for a frame and its points, and the predicted error distribution if uncertainty is
+    /// measured and the candidate predicts it.
     pub(super) fn predict(
         &self,
         candidate: &Candidate,
@@ -186,7 +186,7 @@ impl<'a> PreparedFrame<'a> {
     }
 }
 
-/// Systems have no weights of the program.
+/// Returns the error for a system whose weights are missing.
 fn missing_weights(name: &str) -> Error {
     Error::weights(format!("method `{name}` needs weights of its own"))
         .hint(format!("train them: `lsdc train --method {name}`"))
@@ -196,7 +196,7 @@ fn missing_network() -> Error {
     Error::weights("method `lsdc` needs a network")
 }
 
-/// Completes image and points at a smaller size, and interpolates the result if it is not as large as the frame.
+/// Completes image and points at a smaller size, and interpolates the result to the size of the frame.
 fn enlarged(
     from: Size,
     frame: &Frame,
@@ -208,7 +208,7 @@ fn enlarged(
     resize_depth(&depth, Size::of(&frame.depth), Interpolation::CvBilinear)
 }
 
-/// Where the predictions of a draw lie, if each draw has its own.
+/// Returns the folder of the predictions of a draw, if each draw has its own.
 fn seed_folder(folder: &Path, seed: u64) -> PathBuf {
     folder.join(format!("seed{seed}"))
 }
@@ -220,7 +220,7 @@ fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
     } else {
         folder.to_owned()
     };
-    // Frames in folders, or all in one with their names joined.
+    // Frames may be in subfolders, or all in one folder with `/` replaced by `_` in their names.
     for name in [frame.to_owned(), frame.replace('/', "_")] {
         for (ending, scale) in [("npy", 1.0), ("png", 0.001)] {
             let path = folder.join(format!("{name}.{ending}"));
@@ -240,7 +240,7 @@ fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
     .hint("expected FRAME.npy in metres or FRAME.png in millimetres"))
 }
 
-/// The guide of a frame in a file, which must show the same part of the image.
+/// Reads the guide of a frame from a file, which must show the same part of the image.
 fn guide(source: &GuideSource, frame: &Frame) -> Result<DepthGuide> {
     let (guide, _) = source.read_for(&frame.id)?;
     let [guide_size, frame_size] = [
@@ -265,7 +265,7 @@ fn guide(source: &GuideSource, frame: &Frame) -> Result<DepthGuide> {
     Ok(guide)
 }
 
-/// How far the logarithms of two aspects may differ that are the same but for rounding.
+/// Largest difference between the logarithms of two aspect ratios that counts as rounding.
 const MAX_LOG_ASPECT: f64 = 0.02;
 
 fn check(prediction: &DepthMap, frame: &Frame, folder: &Path) -> Result<()> {

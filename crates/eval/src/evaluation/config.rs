@@ -6,31 +6,31 @@ use crate::sampling::{HoldOut, Noise, Pattern, Protocol, ProtocolPreset};
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What is measured.
+/// Settings of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvalConfig {
-    /// A published protocol by name; the dataset's own if absent.
+    /// Name of a published protocol; the default of the dataset if absent.
     pub preset: Option<String>,
-    /// The protocol in full; replaces the steps of `preset`.
+    /// Protocol in full; replaces the steps of `preset`.
     pub protocol: Option<Protocol>,
-    /// Sparse points; those of the preset if absent.
+    /// Pattern of sparse points; that of the preset if absent.
     pub points: Option<Pattern>,
-    /// What is held out of each frame: scored, and never given.
+    /// Pixels held out of each frame: scored and never given.
     pub hold_out: Option<HoldOut>,
-    /// What is done to the sparse points.
+    /// Noise added to the sparse points.
     pub noise: Option<Noise>,
-    /// Names the first draw of points; every method gets the same.
+    /// Seed of the first draw of points; all methods get the same points.
     pub seed: u64,
-    /// Draws of points, with consecutive seeds.
+    /// Number of draws of points, with consecutive seeds.
     pub seeds: usize,
-    /// Methods side by side.
+    /// Methods to compare.
     pub methods: Vec<Method>,
-    /// Measure only the first frames.
+    /// Limit of the number of frames; the first frames are used.
     pub limit: Option<usize>,
-    /// What the measures leave open.
+    /// Parameters of the metrics.
     pub rules: Rules,
-    /// The share of the predicted depth up to which a standard deviation counts as certain, in the rates of phantom and
+    /// Largest standard deviation, as a fraction of the predicted depth, that counts as certain in the rates of phantom and
     /// missed obstacles.
     pub sigma_cut: f64,
 }
@@ -77,7 +77,7 @@ impl EvalConfig {
         self.rules.check()
     }
 
-    /// The names of the draws.
+    /// Returns the seeds of the draws.
     pub fn draws(&self) -> Vec<u64> {
         (0..self.seeds as u64)
             .map(|i| self.seed.wrapping_add(i))

@@ -1,4 +1,4 @@
-//! What has been measured, one line a record, so that an evaluation can go on where it stopped.
+//! Journal of measured frames, one record per line, so that an interrupted evaluation can be resumed.
 
 use crate::report::{FrameRecord, Heading};
 use lsdc_files::error::{Error, Result};
@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 /// Records by frame and seed.
 type Records = BTreeMap<(String, u64), FrameRecord>;
 
-/// A file of records, or nothing. Its first line holds what they were made from; nobody else can
-/// open it meanwhile.
+/// A journal file, or a disabled journal. The first line of the file records the inputs of the results. The file is locked
+/// while it is open.
 #[derive(Debug, Default)]
 pub struct Journal {
     file: Option<(PathBuf, File)>,
@@ -21,18 +21,16 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// A journal that keeps nothing.
+    /// Creates a journal that stores nothing.
     pub fn disabled() -> Self {
         Self::default()
     }
 
-    /// Opens the journal at `path`, or begins it. Its records are used again only if `heading` and
-    /// `place` are those of its first line. `place` is what matters on this machine alone: where the
-    /// frames lie, the device. A line that was cut off when the last evaluation ended is dropped.
+    /// Opens or creates the journal at `path`. Existing records are reused only if `heading` and `place` match its first line.
+    /// `place` records settings of this machine: the location of the frames, the device. A truncated last line is dropped.
     ///
     /// # Errors
-    /// The file cannot be read or written, is open in another evaluation, or belongs to one with
-    /// other settings.
+    /// The file cannot be read or written, is open in another evaluation, or belongs to an evaluation with other settings.
     pub fn open(path: &Path, heading: &Heading, place: &Value) -> Result<Self> {
         let (mut file, bytes) = open_locked(path)?;
         let made_from = json!({ "heading": heading, "place": place });
@@ -62,7 +60,7 @@ impl Journal {
         })
     }
 
-    /// Removes all records of a journal, if there is one.
+    /// Removes all records of a journal, if it exists.
     ///
     /// # Errors
     /// It cannot be written, or is open in another evaluation.
@@ -74,17 +72,17 @@ impl Journal {
         file.set_len(0).map_err(|e| Error::write(path, e))
     }
 
-    /// The number of records that were there when the journal was opened.
+    /// Returns the number of records that existed when the journal was opened.
     pub fn len(&self) -> usize {
         self.records.len()
     }
 
-    /// Whether there was none.
+    /// Returns whether no records existed when the journal was opened.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }
 
-    /// The records that were there when the journal was opened.
+    /// Takes the records that existed when the journal was opened.
     pub(super) fn take_records(&mut self) -> Records {
         std::mem::take(&mut self.records)
     }
@@ -100,7 +98,7 @@ impl Journal {
     }
 }
 
-/// The file, locked until it is closed, and what it holds.
+/// Opens a file, locks it until it is closed, and reads it.
 fn open_locked(path: &Path) -> Result<(File, Vec<u8>)> {
     let mut options = OpenOptions::new();
     let mut file = options
@@ -122,7 +120,7 @@ fn open_locked(path: &Path) -> Result<(File, Vec<u8>)> {
             ))
             .hint("wait until it has ended, or choose another folder"));
         }
-        // Not every file system has locks.
+        // Some file systems have no locks.
         Ok(()) | Err(TryLockError::Error(_)) => {}
     }
     let mut bytes = Vec::new();
@@ -131,11 +129,11 @@ fn open_locked(path: &Path) -> Result<(File, Vec<u8>)> {
     Ok((file, bytes))
 }
 
-/// Checks the first line of a journal.
+/// Checks that the first line of a journal matches.
 fn check(path: &Path, first: &str, made_from: &Value) -> Result<()> {
-    /// Differences that the message lists.
+    /// Limit of differences listed in the message.
     const LISTED: usize = 3;
-    // What is not JSON differs as a whole. Numbers are compared as they are read back.
+    // A line that is not JSON differs as a whole. Numbers are compared after a round trip.
     let before: Value = serde_json::from_str(first).unwrap_or_default();
     let now: Value = serde_json::from_str(&made_from.to_string()).unwrap_or_default();
     let found = differences(&before, &now);

@@ -1,4 +1,4 @@
-//! Measuring methods on a dataset: the same frames and the same points for each.
+//! Evaluation of methods on a dataset, with the same frames and points for each.
 
 mod candidate;
 mod config;
@@ -26,46 +26,44 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::ops::ControlFlow;
 
-/// Everything that decides the outcome.
+/// All inputs of an evaluation.
 pub struct Evaluation<'a> {
     /// The frames.
     pub frames: &'a dyn Dataset,
-    /// What is compared, by name.
+    /// Candidates to compare, with their names.
     pub candidates: Vec<(String, Candidate)>,
     /// The network, if a candidate needs one.
     pub completer: Option<&'a Completer>,
     /// Guides for `lsdc`.
     pub guides: Option<Guides<'a>>,
-    /// Sizes and valid depths.
+    /// Protocol: sizes and valid depths.
     pub protocol: Protocol,
-    /// Which points.
+    /// Pattern of sparse points.
     pub points: Pattern,
-    /// What is held out of each frame.
+    /// Pixels held out of each frame.
     pub hold_out: Option<HoldOut>,
-    /// What is done to the points.
+    /// Noise added to the points.
     pub noise: Option<Noise>,
-    /// Names the draws: one for each repetition.
+    /// Seeds of the draws, one for each repetition.
     pub seeds: Vec<u64>,
-    /// What the measures leave open.
+    /// Parameters of the metrics.
     pub rules: Rules,
     /// Whether the standard deviations of `lsdc` are measured.
     pub uncertainty: bool,
-    /// The share of the predicted depth up to which a standard deviation counts as certain; `None`: not counted.
+    /// Largest standard deviation, as a fraction of the predicted depth, that counts as certain; `None` to count none.
     pub sigma_cut: Option<f64>,
-    /// Only the first frames.
+    /// Limit of the number of frames; the first frames are used.
     pub limit: Option<usize>,
 }
 
 impl Evaluation<'_> {
-    /// The heading of the report. `dataset`, `protocol_text` (the protocol) and `weights` are words for people. What the
-    /// numbers depend on goes into [`Heading::made_from`]: the numerics, protocol, points, frames,
-    /// methods with the complete settings of the fit, predictions by their contents, and `inputs`,
-    /// which has what only the caller knows: the settings of the dataset and the weights by their
-    /// contents.
+    /// Returns the heading of the report. `dataset`, `protocol_text` (the protocol) and `weights` are descriptions for readers.
+    /// [`Heading::made_from`] records everything that the numbers depend on: numerics, protocol, points, frames, methods with
+    /// all settings of the fit, predictions by their contents, and `inputs`, which the caller provides: the settings of the
+    /// dataset and the weights by their contents.
     ///
     /// # Errors
-    /// A folder of predictions or points that cannot be read, or predictions that do not tell several
-    /// draws apart.
+    /// A folder of predictions or points cannot be read, or predictions do not distinguish several draws.
     pub fn heading(
         &self,
         dataset: &str,
@@ -73,7 +71,7 @@ impl Evaluation<'_> {
         weights: Option<String>,
         inputs: Value,
     ) -> Result<Heading> {
-        // Every field is named, so that none is forgotten among what results are made from.
+        // All fields are named, so that none is omitted from the record.
         let Self {
             frames,
             candidates,
@@ -119,7 +117,7 @@ impl Evaluation<'_> {
             "fit": completer.map(Completer::fit_config),
             "uncertainty": uncertainty,
         });
-        // Not there unless they are used: what was measured before they existed is still the same.
+        // Recorded only if used, so that older results stay valid.
         let quality = completer.map(Completer::quality);
         if let Some(quality) = quality.filter(|quality| *quality != Quality::Standard) {
             made_from["quality"] = json!(quality);
@@ -149,20 +147,19 @@ impl Evaluation<'_> {
         })
     }
 
-    /// The number of frames in all.
+    /// Returns the number of frames.
     pub fn total(&self) -> usize {
         self.frames.len().min(self.limit.unwrap_or(usize::MAX))
     }
 
-    /// Measures the frames of `shard` that the journal does not hold yet, calling `progress` with
-    /// the number of frames done and of all; it may break off, and the report then holds the
-    /// frames so far. The order of work and the number of threads change nothing.
+    /// Measures the frames of `shard` that are not in the journal yet, and calls `progress` with the numbers of frames done and
+    /// in total. `progress` may stop the run; the report then has the frames measured so far. The result does not depend on the
+    /// order of work or the number of threads.
     ///
-    /// A frame that cannot be read or completed is listed in the report and left out of the means.
+    /// Frames that cannot be read or completed are listed in the report and excluded from the means.
     ///
     /// # Errors
-    /// The journal cannot be written, or holds frames whose files have changed since; or every frame
-    /// failed: then the first failure.
+    /// The journal cannot be written, or holds frames whose files have changed since. If every frame failed: the first failure.
     pub fn run(
         &self,
         heading: Heading,
@@ -222,7 +219,7 @@ impl Evaluation<'_> {
         }
     }
 
-    /// The files of a frame as they are.
+    /// Returns the current stamps of the files of a frame.
     fn stamps(&self, index: usize) -> Vec<FileStamp> {
         let files = self.frames.files(index);
         files
@@ -231,7 +228,7 @@ impl Evaluation<'_> {
             .collect()
     }
 
-    /// Checks that a frame is still what it was when it was measured.
+    /// Checks that the files of a frame are unchanged since it was measured.
     fn check_unchanged(&self, index: usize, record: &FrameRecord) -> Result<()> {
         let stamps = self.stamps(index);
         if stamps == record.files {
@@ -251,9 +248,9 @@ impl Evaluation<'_> {
         .hint("choose another folder, or give --force to begin anew"))
     }
 
-    /// One record for each seed.
+    /// Measures a frame, with one record for each seed.
     fn measure(&self, index: usize) -> Result<Vec<FrameRecord>> {
-        // In this order: what changes in between is noticed the next time.
+        // Stamps are read first: changes after this are detected by the next run.
         let files = self.stamps(index);
         let frame = self.frame(index)?;
         let prepared = PreparedFrame::new(self.completer, self.guides, &frame, self.uncertainty)?;
@@ -292,7 +289,7 @@ impl Evaluation<'_> {
             .collect()
     }
 
-    /// The frame, its points, and every prediction under a seed, for a report with pictures.
+    /// Returns the frame, its points and every prediction under a seed, for a report with pictures.
     ///
     /// # Errors
     /// No frame of this name, or one that cannot be measured.
@@ -322,10 +319,10 @@ impl Evaluation<'_> {
         })
     }
 
-    /// A frame at the protocol's size.
+    /// Returns a frame at the protocol's size.
     ///
     /// # Errors
-    /// It cannot be read, is too small, or has no true depth that counts.
+    /// The frame cannot be read, is too small, or has no valid true depth.
     pub fn frame(&self, index: usize) -> Result<Frame> {
         let frame = self.protocol.apply(&self.frames.load(index)?)?;
         if frame.depth.count() == 0 {
@@ -337,10 +334,10 @@ impl Evaluation<'_> {
         Ok(frame)
     }
 
-    /// The points of a frame under a seed, and the depths that are scored.
+    /// Draws the points of a frame under a seed, and the depths to score.
     ///
     /// # Errors
-    /// As [`CompletionTask::draw`].
+    /// The errors of [`CompletionTask::draw`].
     pub fn task(&self, frame: &Frame, seed: u64) -> Result<CompletionTask> {
         CompletionTask::draw(frame, &self.points, self.hold_out, self.noise, seed)
     }

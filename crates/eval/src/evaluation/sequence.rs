@@ -1,4 +1,4 @@
-//! Methods measured on sequences: errors of the frames, and how far their depths contradict each other.
+//! Evaluation on sequences: errors of the frames, and disagreement between their depths.
 
 use crate::data::{DepthMap, PosedFrame, Sequence};
 use crate::metrics::{
@@ -10,34 +10,34 @@ use crate::sampling::{Pattern, PoseError};
 use lsdc_core::Camera;
 use lsdc_files::error::{Error, Result};
 
-/// How many frames later the second of two frames is that are compared.
+/// Frame lags between the two views of each compared pair.
 const LAGS: [usize; 2] = [1, 4];
 
-/// A sequence as methods are given it.
+/// A sequence with the inputs given to methods.
 #[derive(Clone, Debug)]
 pub struct SequenceTask<'a> {
     /// The frames, with true depths and poses.
     frames: &'a [PosedFrame],
-    /// The points of each frame.
+    /// Sparse points of each frame.
     pub sparse: Vec<DepthMap>,
-    /// The camera of each frame, with the pose that methods are given.
+    /// Camera of each frame, with the pose given to methods.
     pub cameras: Vec<Camera>,
 }
 
-/// What a method predicts of a frame.
+/// Prediction of a method for a frame.
 #[derive(Clone, Debug)]
 pub struct PredictedFrame {
-    /// The depth of every pixel.
+    /// Depth of every pixel.
     pub depth: DepthMap,
     /// The distribution of its errors, if the method predicts one.
     pub errors: Option<PredictedErrors>,
 }
 
 impl<'a> SequenceTask<'a> {
-    /// Draws the points of all frames and the errors of their poses: the same under a seed on every machine.
+    /// Draws the points of all frames and the errors of their poses; a seed gives the same result on every machine.
     ///
     /// # Errors
-    /// As [`Pattern::draw`].
+    /// The errors of [`Pattern::draw`].
     pub fn draw(
         sequence: &'a Sequence,
         points: &Pattern,
@@ -57,18 +57,18 @@ impl<'a> SequenceTask<'a> {
         })
     }
 
-    /// The number of frames.
+    /// Returns the number of frames.
     pub fn len(&self) -> usize {
         self.frames.len()
     }
 
-    /// Whether there are no frames.
+    /// Returns whether there are no frames.
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// Completes all frames in their order, by a method that is given the index of a frame, and measures the depths: their
-    /// errors against the truth, and the disagreement of each with those one and four frames later, by the true poses.
+    /// Completes all frames in order, calling the method with the index of each frame, and measures the depths: their errors
+    /// against the truth, and the disagreement of each frame with those one and four frames later, by the true poses.
     ///
     /// ```
     /// # fn main() -> lsdc_files::error::Result<()> {
@@ -92,7 +92,7 @@ impl<'a> SequenceTask<'a> {
     /// ```
     ///
     /// # Errors
-    /// Those of the method, which name the frame, or a depth map that is not as large as its frame.
+    /// Errors of the method, with the name of the frame; or a depth map whose size differs from its frame.
     pub fn measure(
         &self,
         rules: &Rules,
@@ -125,7 +125,7 @@ impl<'a> SequenceTask<'a> {
     }
 }
 
-/// The measures of a method on sequences.
+/// Metrics of a method on sequences.
 #[derive(Clone, Debug, Default)]
 pub struct SequenceScores {
     scores: ScoreAccumulator,
@@ -134,7 +134,7 @@ pub struct SequenceScores {
 }
 
 impl SequenceScores {
-    /// Adds the frames of another sequence.
+    /// Adds the results of another sequence.
     pub fn add(&mut self, other: &Self) {
         self.scores.merge(&other.scores);
         self.disagreement.add(&other.disagreement);
@@ -143,13 +143,13 @@ impl SequenceScores {
         }
     }
 
-    /// The disagreement of frames.
+    /// Returns the disagreement between frames.
     pub fn disagreement(&self) -> &Disagreement {
         &self.disagreement
     }
 
-    /// The columns of a table: RMSE, REL (%), median and 90 % quantile of the disagreement (%), the share of pixels that both
-    /// frames see but that were not compared (%), and the shares of errors within the intervals of 68.3 and 95.4 % (%).
+    /// Returns the columns of a table: RMSE, REL (%), median and 90 % quantile of the disagreement (%), the share of pixels
+    /// seen in both frames but not compared (%), and the shares of errors within the intervals of 68.3 and 95.4 % (%).
     pub fn columns() -> Vec<Column> {
         let share = |label: &str, decimals| Column {
             label: label.to_owned(),
@@ -168,7 +168,7 @@ impl SequenceScores {
         ]
     }
 
-    /// A row of the table.
+    /// Returns a row of the table.
     pub fn row(&self, label: &str) -> Row {
         let mean = self.scores.mean();
         let percent = |value: Option<f64>| value.map(|value| 100.0 * value);
@@ -207,7 +207,7 @@ mod tests {
         path.render().unwrap()
     }
 
-    /// The truth, times a factor for each frame, with a standard deviation of 5 % of the depth.
+    /// Measures the truth times a factor for each frame, with a standard deviation of 5 % of the depth.
     fn measured(sequence: &Sequence, factor: impl Fn(usize) -> f32) -> SequenceScores {
         let task = SequenceTask::draw(sequence, &Pattern::Exactly(50), PoseError::Shuffled, 0);
         let task = task.unwrap();
@@ -235,11 +235,11 @@ mod tests {
         let row = scores.row("truth");
         assert_eq!(row.values.len(), SequenceScores::columns().len());
         assert_eq!(row.values[0], Some(0.0));
-        // The truth itself, interpolated: within the bound for a pixel that both see.
+        // The truth itself, interpolated: within the bound for pixels seen in both views.
         assert!(row.values[2].unwrap() < 0.1 && row.values[3].unwrap() < 1.0);
         assert_eq!(row.values[5..], [Some(100.0); 2]);
         let compared = scores.disagreement().compared();
-        // 5 pairs of neighbours and 2 of every fourth frame, which overlap.
+        // 5 pairs at lag 1 and 2 at lag 4, which overlap.
         assert!(
             compared > 64 * 48 * 7 / 2 && compared <= 64 * 48 * 7,
             "{compared}"
@@ -248,8 +248,7 @@ mod tests {
         assert_eq!(scores.disagreement().compared(), 2 * compared);
     }
 
-    /// Every second frame is 10 % too far; frames at a distance of 1 differ by 10 % of the one or the other, those at a
-    /// distance of 4 agree.
+    /// Every second frame is 10 % too far; frames at lag 1 differ by 10 % of either depth, frames at lag 4 agree.
     #[test]
     fn disagreement_of_a_still_camera_is_its_flicker() {
         let scores = measured(&room(true), |index| if index % 2 == 1 { 1.1 } else { 1.0 });
@@ -259,7 +258,7 @@ mod tests {
             let value = found.quantile(share).unwrap();
             assert!((value - expected).abs() < 1e-6, "{share}: {value}");
         }
-        // Half of the frames is exact, and 10 % is two standard deviations: 1.9999 is less.
+        // Half of the frames are exact, and 10 % is two standard deviations: 1.9999 is less.
         let values = scores.row("flicker").values;
         assert!((values[5].unwrap() - 50.0).abs() < 1e-9, "{values:?}");
         assert!((values[1].unwrap() - 5.0).abs() < 1e-3, "{values:?}");

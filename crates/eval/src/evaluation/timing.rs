@@ -1,4 +1,4 @@
-//! How long a completion takes, by its stages.
+//! Timing of a completion, by stages.
 
 use crate::data::Frame;
 use crate::predict::complete;
@@ -8,25 +8,25 @@ use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Medians over all runs of completing a frame, in milliseconds.
+/// Median times of completing a frame, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CompletionTimes {
-    /// Image to features.
+    /// Network: image to features.
     pub network_ms: f64,
-    /// Basis functions at the points, and the solve.
+    /// Fit: basis functions at the points, and the solve.
     pub fit_ms: f64,
-    /// Part of the fit: the field of the image, which later fits to the same image share.
+    /// Part of the fit: the field of the image, which later fits to the same image reuse.
     #[serde(default)]
     pub field_ms: f64,
     /// The solve alone.
     pub solve_ms: f64,
-    /// Dense depth from the weights.
+    /// Dense depth from the fitted weights.
     pub dense_ms: f64,
-    /// Image in memory to dense depth in memory.
+    /// Total: image in memory to dense depth in memory.
     pub total_ms: f64,
 }
 
-/// Completes a frame `runs` times, and once before to warm up caches and memory.
+/// Completes a frame `runs` times, after one run to warm up caches and memory.
 ///
 /// # Errors
 /// No runs, or a frame that cannot be completed.
@@ -61,8 +61,8 @@ pub fn time(
     })
 }
 
-/// The median over `runs` of the milliseconds for the standard deviation of every pixel, after the depth; `None` if the
-/// points are too few for one.
+/// Returns the median time, over `runs`, of computing the standard deviation of every pixel after the depth, in milliseconds;
+/// `None` if there are too few points.
 ///
 /// # Errors
 /// No runs, or a frame that cannot be completed.
@@ -89,7 +89,7 @@ pub fn time_deviations(
     median_ms(times.into_iter()).map(Some)
 }
 
-/// The median in milliseconds.
+/// Returns the median in milliseconds.
 ///
 /// # Errors
 /// No times.

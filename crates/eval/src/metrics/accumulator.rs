@@ -2,8 +2,8 @@
 
 use super::{Metric, Scores};
 
-/// The sum of the scores of several frames; averages per frame, as the field does. A frame without
-/// edges takes no part in the mean of the soft edge error.
+/// The sum of the scores of several frames, to average per frame, as is conventional. Frames without edges are excluded from
+/// the mean of the soft edge error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ScoreAccumulator {
     frames: usize,
@@ -32,14 +32,14 @@ impl ScoreAccumulator {
         }
     }
 
-    /// The mean over frames, or `None` without any.
+    /// Returns the mean over frames; `None` without frames.
     pub fn mean(&self) -> Option<Scores> {
         (self.frames > 0).then(|| self.sum.map(|metric, sum| sum / self.count[metric]))
     }
 }
 
-/// Mean and standard deviation of each measure over repetitions; the deviation is that of a
-/// sample (n - 1), NaN for a single one.
+/// Returns the mean and standard deviation of each metric over repetitions. The deviation is that of a sample (n - 1), NaN for
+/// a single repetition.
 pub fn mean_and_deviation(repetitions: &[Scores]) -> (Scores, Scores) {
     let mut accumulator = ScoreAccumulator::default();
     for scores in repetitions {

@@ -1,12 +1,12 @@
-//! How far the depths of two views of one scene contradict each other.
+//! Disagreement between the depths of two views of a scene.
 
 use crate::data::DepthMap;
 use lsdc_core::Camera;
 use lsdc_files::error::{Error, Result};
 
-/// The relative difference up to which true depths of two views are of the same surface.
+/// Largest relative difference of true depths that belong to the same surface.
 const SAME_SURFACE: f64 = 0.01;
-/// Positions this close to the centre of a pixel, in pixels, are there: the same camera twice leads back to the same pixel.
+/// Distance, in pixels, below which a position snaps to a pixel centre, so that identical cameras map pixels to themselves.
 const ROUNDING: f64 = 1e-6;
 
 /// A predicted depth map with the truth.
@@ -14,17 +14,18 @@ const ROUNDING: f64 = 1e-6;
 pub struct ViewDepths<'a> {
     /// The true camera, with its pose.
     pub camera: &'a Camera,
-    /// What is measured.
+    /// The predicted depth map.
     pub predicted: &'a DepthMap,
-    /// True depths, as large as those that are predicted.
+    /// True depths, as large as the predicted ones.
     pub truth: &'a DepthMap,
 }
 
-/// Relative differences |a - b| / b of predicted depths: a is the depth of one view, warped into another by the cameras of
-/// both, and b the depth of the other view at the position where it arrives.
+/// Relative differences |a - b| / b of predicted depths: a is the depth of one view, warped into another view by both cameras,
+/// and b is the depth of the other view at the warped position.
 ///
-/// Pixels count that both views see: the true depth of one, warped likewise, is within 1 % of the true depth of the other.
-/// Hence occluded surfaces and moving objects do not count. With two frames of a camera that stands still, it is the flicker.
+/// Only pixels visible in both views count: the true depth of one view, warped likewise, is within 1 % of the true depth of the
+/// other. Hence occluded surfaces and moving objects do not count. For two frames of a static camera, the disagreement is the
+/// flicker.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Disagreement {
     differences: Vec<f32>,
@@ -32,8 +33,8 @@ pub struct Disagreement {
 }
 
 impl Disagreement {
-    /// Compares the depths of two views; depths of the second are interpolated linearly in inverse depth, which is exact on
-    /// planes.
+    /// Compares the depths of two views. Depths of the second view are interpolated linearly in inverse depth, which is exact
+    /// on planes.
     ///
     /// # Errors
     /// Predicted and true depths of different sizes.
@@ -73,18 +74,19 @@ impl Disagreement {
         self.unmatched += other.unmatched;
     }
 
-    /// Number of pixels that were compared.
+    /// Returns the number of compared pixels.
     pub fn compared(&self) -> usize {
         self.differences.len()
     }
 
-    /// Number of pixels that both views see, but whose predicted depth leads out of the other image, or has no counterpart.
+    /// Returns the number of pixels visible in both views whose predicted depth leads out of the other image or has no
+    /// counterpart.
     pub fn unmatched(&self) -> u64 {
         self.unmatched
     }
 
-    /// The difference that a share of the compared pixels, from 0 to 1, does not exceed: 0.5 for the median. `None` without
-    /// a pixel.
+    /// Returns the quantile of the differences for a share from 0 to 1, for example 0.5 for the median. `None` without compared
+    /// pixels.
     pub fn quantile(&self, share: f64) -> Option<f64> {
         let last = self.differences.len().checked_sub(1)?;
         let rank = (share * self.differences.len() as f64).ceil() as usize;
@@ -106,7 +108,7 @@ fn check_sizes(view: &ViewDepths<'_>) -> Result<()> {
     )))
 }
 
-/// The depth at a position between pixel centres, all of which must have a depth.
+/// Returns the depth at a position between pixel centres, which must all have a depth.
 fn interpolated(map: &DepthMap, place: [f64; 2]) -> Option<f64> {
     let axis = |place: f64, length: usize| {
         let nearest = place.round();
@@ -145,7 +147,7 @@ mod tests {
         Camera::pinhole([60.0, 60.0], [31.5, 23.5]).with_pose(identity, [-x, 0.0, -ahead])
     }
 
-    /// Depths of the plane z = 3 + slope x, in the world, times a factor.
+    /// Returns the depths of the plane z = 3 + slope x, in the world, times a factor.
     fn plane(camera: &Camera, slope: f64, factor: f64) -> DepthMap {
         let (_, [x, _, ahead]) = camera.pose();
         let depth = |i: usize| {
@@ -172,7 +174,7 @@ mod tests {
     fn exact_depths_of_a_slanted_plane_agree() {
         let found = disagreement(0.4, [1.0, 1.0]);
         assert!(found.quantile(1.0).unwrap() < 1e-6, "{found:?}");
-        // The second view is 0.5 m ahead and sees less: 5/6 of the width and height.
+        // The second view is 0.5 m ahead and sees 5/6 of the width and height.
         let share = found.compared() as f64 / (64.0 * 48.0);
         assert!(share > 0.5 && share < 0.8, "{share}");
         assert_eq!(found.unmatched(), 0);
@@ -180,19 +182,19 @@ mod tests {
 
     #[test]
     fn offsets_have_their_closed_forms() {
-        // At z = 3, seen 10 % too far: 3.3 - 0.5 against 2.5.
+        // At z = 3, predicted 10 % too far: 3.3 - 0.5 instead of 2.5.
         let found = disagreement(0.0, [1.1, 1.0]);
         for share in [0.01, 0.5, 0.9, 1.0] {
             assert!((found.quantile(share).unwrap() - 0.12).abs() < 1e-6);
         }
-        // The second view sees all 5 % too far: |1 - 1.05| / 1.05.
+        // The second view is 5 % too far everywhere: |1 - 1.05| / 1.05.
         let found = disagreement(0.0, [1.0, 1.05]);
         assert!((found.quantile(0.5).unwrap() - 0.05 / 1.05).abs() < 1e-6);
     }
 
     #[test]
     fn depths_that_lead_out_of_the_image_are_counted() {
-        // At half of its depth, what is seen at the side lies outside of the second image.
+        // At half of the depth, points at the sides project outside the second image.
         let whole = disagreement(0.0, [1.0, 1.0]).compared() as u64;
         let found = disagreement(0.0, [0.5, 1.0]);
         assert!(found.unmatched() > 0);
@@ -203,7 +205,7 @@ mod tests {
     fn what_one_view_does_not_see_does_not_count() {
         let camera = camera(0.0, 0.0);
         let flat = plane(&camera, 0.0, 1.0);
-        // An object before the left half, in the second view alone.
+        // An object in front of the left half, in the second view only.
         let mut values = flat.values().to_vec();
         for (i, depth) in values.iter_mut().enumerate() {
             if i % SIZE.0 < 32 {

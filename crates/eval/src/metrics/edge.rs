@@ -4,8 +4,8 @@ use super::Rules;
 use crate::data::DepthMap;
 use crate::window;
 
-/// The mean over the edge pixels of the truth of the smallest |prediction - true depth in the
-/// window|, in metres; `None` without an edge.
+/// Returns the mean, over the edge pixels of the truth, of the smallest |prediction - true depth in the window|, in metres;
+/// `None` without an edge.
 pub(super) fn soft_edge_error(
     prediction: &DepthMap,
     truth: &DepthMap,
@@ -36,7 +36,7 @@ pub(super) fn soft_edge_error(
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Whether a true depth and one of its four neighbours differ by a factor above `jump`.
+/// Returns whether a true depth and one of its four neighbours differ by a factor above `jump`.
 fn is_edge(truth: &DepthMap, x: usize, y: usize, jump: f64) -> bool {
     let here = f64::from(truth.at(x, y));
     let differs = |u: usize, v: usize| {
@@ -73,7 +73,7 @@ mod tests {
         assert_eq!(see(3, &step(6)), 0.0);
         // Without a window one of the two edge columns is 2 m off.
         assert_eq!(see(1, &step(6)), 1.0);
-        // A blurred edge is off everywhere.
+        // A blurred edge is wrong everywhere.
         let blur = DepthMap::new(10, 6, vec![2.0; 60]).unwrap();
         assert_eq!(see(3, &blur), 1.0);
         let flat = DepthMap::new(10, 6, vec![2.0; 60]).unwrap();

@@ -1,4 +1,4 @@
-//! Errors of a dense depth map against the truth, and their averages. No tensors.
+//! Errors of a dense depth map against the truth, and their averages, without tensors.
 
 mod accumulator;
 mod disagreement;

@@ -1,4 +1,4 @@
-//! The difference of two methods on the same frames.
+//! Paired difference between two methods on the same frames.
 
 use lsdc_core::fit::student_t;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// The mean difference of paired values and its 95 % confidence interval (Student's t).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PairedDifference {
-    /// Mean of second minus first.
+    /// Mean of the second minus the first.
     pub mean: f64,
     /// Lower end of the interval.
     pub low: f64,
@@ -14,12 +14,12 @@ pub struct PairedDifference {
     pub high: f64,
     /// Share of the pairs in which the second value is smaller.
     pub smaller: f64,
-    /// The number of pairs.
+    /// Number of pairs.
     pub pairs: usize,
 }
 
 impl PairedDifference {
-    /// Compares pairs of (first, second); `None` for fewer than two finite ones.
+    /// Compares pairs of (first, second); `None` for fewer than two finite differences.
     pub fn of(pairs: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let differences: Vec<f64> = pairs
             .map(|(a, b)| b - a)

@@ -1,23 +1,23 @@
-//! Where the error is: against depth, against the distance to the nearest sparse point, and how
-//! large it is. Counted in whole numbers, so that the sum of shards is the whole, to the last bit.
+//! Error profiles: errors by depth, by distance to the nearest sparse point, and by size. Counts are integers, so that sums of
+//! shards are exact.
 
 use crate::data::DepthMap;
 use serde::{Deserialize, Serialize};
 
-/// What the error is looked at against.
+/// Horizontal axis of an error profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// True depth in metres: bins of a quarter octave from 1/4 m on.
+    /// True depth in metres: bins of a quarter octave, starting at 1/4 m.
     Depth,
-    /// Distance to the nearest sparse point in pixels: bins of half an octave from 1 on; the first
-    /// bin holds the points themselves.
+    /// Distance to the nearest sparse point in pixels: bins of half an octave, starting at 1; the first bin contains the points
+    /// themselves.
     Distance,
-    /// The error itself in metres: bins of half an octave from 1 mm on; the first holds all below.
+    /// The error itself in metres: bins of half an octave, starting at 1 mm; the first bin contains all smaller errors.
     Error,
 }
 
 impl Axis {
-    /// The smallest value, the bins per octave, and their number.
+    /// Returns the smallest value, the bins per octave, and the number of bins.
     fn scale(self) -> (f64, f64, usize) {
         match self {
             Self::Depth => (0.25, 4.0, 44),
@@ -35,25 +35,25 @@ impl Axis {
         (bin as usize + 1).min(bins - 1)
     }
 
-    /// The middle of a bin, where it is drawn.
+    /// Returns the middle of a bin, for drawing.
     pub fn middle(self, bin: usize) -> f64 {
         let (least, per_octave, _) = self.scale();
         least * ((bin as f64 - 0.5) / per_octave).exp2()
     }
 }
 
-/// The pixels of a bin, and the sum of their absolute errors.
+/// Number of pixels of a bin, and the sum of their absolute errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "(u64, u64)", into = "(u64, u64)")]
 pub struct Bin {
-    /// How many pixels.
+    /// Number of pixels.
     pub pixels: u64,
-    /// Their absolute errors, each in whole micrometres, summed.
+    /// Sum of their absolute errors, each rounded to micrometres.
     pub micrometres: u64,
 }
 
 impl Bin {
-    /// Mean absolute error in metres, or `None` without a pixel.
+    /// Returns the mean absolute error in metres; `None` without pixels.
     pub fn mean(self) -> Option<f64> {
         (self.pixels > 0).then(|| self.micrometres as f64 * 1e-6 / self.pixels as f64)
     }
@@ -78,16 +78,16 @@ impl From<Bin> for (u64, u64) {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ErrorProfile {
-    /// Against true depth.
+    /// Errors by true depth.
     pub depth: Vec<Bin>,
-    /// Against the distance to the nearest sparse point.
+    /// Errors by distance to the nearest sparse point.
     pub distance: Vec<Bin>,
-    /// How many errors of each size.
+    /// Errors by their size.
     pub error: Vec<Bin>,
 }
 
 impl ErrorProfile {
-    /// Counts the pixels of a frame; `distances` are those to the nearest point, in pixels.
+    /// Counts the pixels of a frame; `distances` are the distances to the nearest point, in pixels.
     pub fn of(prediction: &DepthMap, truth: &DepthMap, distances: &[f32]) -> Self {
         let mut profile = Self::default();
         let pixels = prediction
@@ -106,7 +106,7 @@ impl ErrorProfile {
         profile
     }
 
-    /// The bins along an axis; bins after the last that holds a pixel are left out.
+    /// Returns the bins along an axis, up to the last bin with pixels.
     pub fn along(&self, axis: Axis) -> &[Bin] {
         match axis {
             Axis::Depth => &self.depth,
@@ -155,7 +155,7 @@ mod tests {
         let truth = map([1.0, 2.0, 0.0, 2.0]);
         let prediction = map([1.5, 2.0, 7.0, 2.25]);
         let profile = ErrorProfile::of(&prediction, &truth, &[0.0, 1.0, 2.0, 3.0]);
-        // 1 m is two octaves above 1/4 m, 2 m three.
+        // 1 m is two octaves above 1/4 m, 2 m is three.
         assert_eq!(profile.depth[9].mean(), Some(0.5));
         assert_eq!(profile.depth[13], Bin::from((2, 250_000)));
         assert_eq!(profile.distance[0].mean(), Some(0.5));

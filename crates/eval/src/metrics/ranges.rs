@@ -1,30 +1,30 @@
-//! Errors by range of depth: how large they are, and how often an obstacle is missed or made up. Counted in whole
-//! numbers, so that the sum of shards is the whole, to the last bit.
+//! Errors by range of depth: their size, and the rates of missed and phantom obstacles. Counts are integers, so that sums of
+//! shards are exact.
 
 use crate::data::DepthMap;
 use serde::{Deserialize, Serialize};
 
-/// Where the ranges of true depth begin, in metres. Each ends where the next begins, the last nowhere.
+/// Lower limits of the ranges of true depth, in metres. Each range ends where the next one begins; the last one is unbounded.
 pub const RANGE_STARTS: [f32; 5] = [0.0, 10.0, 20.0, 40.0, 80.0];
 
-/// A prediction is wrong for a driver where it differs from the truth by more than this factor.
+/// Ratio of prediction and truth beyond which an obstacle is missed or a phantom.
 const FACTOR: f64 = 1.25;
 
-/// The errors of some pixels.
+/// Error sums of a set of pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "[u64; 6]", into = "[u64; 6]")]
 pub struct ErrorCount {
-    /// How many pixels.
+    /// Number of pixels.
     pub pixels: u64,
-    /// Their squared errors, each in whole square millimetres, summed.
+    /// Sum of their squared errors, each rounded to square millimetres.
     pub squares: u64,
-    /// Their absolute errors, each in whole micrometres, summed.
+    /// Sum of their absolute errors, each rounded to micrometres.
     pub micrometres: u64,
-    /// Their absolute errors over the true depths, each in whole millionths, summed.
+    /// Sum of their absolute relative errors, each rounded to millionths.
     pub millionths: u64,
-    /// Pixels with a prediction nearer than truth / 1.25: an obstacle where there is none.
+    /// Number of pixels with a prediction nearer than truth / 1.25: a phantom obstacle.
     pub phantom: u64,
-    /// Pixels with a prediction farther than 1.25 x truth: an obstacle that is not seen.
+    /// Number of pixels with a prediction farther than 1.25 x truth: a missed obstacle.
     pub missed: u64,
 }
 
@@ -76,46 +76,46 @@ impl ErrorCount {
         sum as f64 / self.pixels as f64
     }
 
-    /// Root of the mean squared error in metres; NaN without a pixel, as all of these.
+    /// Returns the root of the mean squared error in metres. This and the following are NaN without pixels.
     pub fn rmse(self) -> f64 {
         (self.mean(self.squares) * 1e-6).sqrt()
     }
 
-    /// Mean absolute error in metres.
+    /// Returns the mean absolute error in metres.
     pub fn mae(self) -> f64 {
         self.mean(self.micrometres) * 1e-6
     }
 
-    /// Mean absolute error over the true depth.
+    /// Returns the mean absolute relative error.
     pub fn rel(self) -> f64 {
         self.mean(self.millionths) * 1e-6
     }
 
-    /// The share of pixels whose prediction is nearer than truth / 1.25.
+    /// Returns the share of pixels whose prediction is nearer than truth / 1.25.
     pub fn phantom_rate(self) -> f64 {
         self.mean(self.phantom)
     }
 
-    /// The share of pixels whose prediction is farther than 1.25 x truth.
+    /// Returns the share of pixels whose prediction is farther than 1.25 x truth.
     pub fn missed_rate(self) -> f64 {
         self.mean(self.missed)
     }
 }
 
-/// The errors of a method by the true depth.
+/// Errors of a method by range of true depth.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthRangeErrors {
-    /// Of all pixels.
+    /// Errors of all pixels.
     pub all: [ErrorCount; RANGE_STARTS.len()],
-    /// Of the pixels whose standard deviation is small enough, if any were predicted.
+    /// Errors of pixels with a small standard deviation; `None` if no standard deviations were predicted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certain: Option<[ErrorCount; RANGE_STARTS.len()]>,
 }
 
 impl DepthRangeErrors {
-    /// Counts the pixels of a frame that have a true depth. `deviations` are the predicted standard deviations in metres,
-    /// with the largest share of the predicted depth that a deviation of a certain pixel may have.
+    /// Counts the pixels of a frame that have a true depth. `deviations` are the predicted standard deviations in metres, with
+    /// the largest share of the predicted depth that counts as certain.
     pub fn of(
         prediction: &DepthMap,
         truth: &DepthMap,
@@ -154,7 +154,7 @@ impl DepthRangeErrors {
     }
 }
 
-/// All ranges together.
+/// Returns the sum over all ranges.
 pub fn total(counts: &[ErrorCount]) -> ErrorCount {
     let counts = counts.iter().copied();
     counts.fold(ErrorCount::default(), ErrorCount::plus)

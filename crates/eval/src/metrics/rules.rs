@@ -1,18 +1,17 @@
-//! What the definitions of the measures leave open.
+//! Parameters of the metrics.
 
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What the measures leave open.
+/// Parameters of the metrics.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Rules {
-    /// Predictions below this many metres count as this in ratios, logarithms and inverses.
+    /// Lower bound of predictions, in metres, in ratios, logarithms and inverses.
     pub floor: f64,
-    /// Pixels on a side of the window of the soft edge error.
+    /// Side length in pixels of the window of the soft edge error.
     pub see_window: usize,
-    /// A pixel is at an edge where the ratio of its true depth to that of one of its four
-    /// neighbours, or the inverse, is above this.
+    /// Smallest ratio of true depths of a pixel and one of its four neighbours, in either direction, at an edge.
     pub see_jump: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The measures of one frame.
+//! Metrics of a frame.
 
 use super::{Rules, edge};
 use crate::data::DepthMap;
@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::ops::{Index, IndexMut};
 
-/// A measure of the error of a depth map: over the pixels with a true depth d and prediction p.
+/// A metric of a depth map, over the pixels with a true depth d and a prediction p.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Metric {
     /// Root of the mean of (p - d)^2, in metres.
@@ -26,23 +26,23 @@ pub enum Metric {
     RmseLog,
     /// Share with max(p/d, d/p) below 1.02.
     Delta102,
-    /// The same below 1.05.
+    /// Share with max(p/d, d/p) below 1.05.
     Delta105,
-    /// The same below 1.10.
+    /// Share with max(p/d, d/p) below 1.10.
     Delta110,
-    /// The same below 1.25 (Eigen et al. 2014).
+    /// Share with max(p/d, d/p) below 1.25 (Eigen et al. 2014).
     Delta1,
-    /// The same below 1.25 squared.
+    /// Share with max(p/d, d/p) below 1.25 squared.
     Delta2,
-    /// The same below 1.25 cubed.
+    /// Share with max(p/d, d/p) below 1.25 cubed.
     Delta3,
-    /// Soft edge error in metres (Chen et al. 2019): at edges of the truth, the smallest |p - d'|
-    /// over the true depths d' of a window. NaN for a frame without edges.
+    /// Soft edge error in metres (Chen et al. 2019): at edges of the truth, the smallest |p - d'| over the true depths d' of a
+    /// window. NaN for a frame without edges.
     See,
 }
 
 impl Metric {
-    /// All measures, in the order of tables.
+    /// All metrics, in the order of tables.
     pub const ALL: [Self; 14] = [
         Self::Rmse,
         Self::Mae,
@@ -60,7 +60,7 @@ impl Metric {
         Self::See,
     ];
 
-    /// Name in files, name in tables, unit in tables.
+    /// Returns the name in files, the name in tables, and the unit in tables.
     fn names(self) -> [&'static str; 3] {
         match self {
             Self::Rmse => ["rmse", "RMSE", "m"],
@@ -80,27 +80,27 @@ impl Metric {
         }
     }
 
-    /// The name in files.
+    /// Returns the name in files.
     pub fn key(self) -> &'static str {
         self.names()[0]
     }
 
-    /// The name in tables.
+    /// Returns the name in tables.
     pub fn label(self) -> &'static str {
         self.names()[1]
     }
 
-    /// The unit in tables; values in files are in the same, shares excepted, which are fractions.
+    /// Returns the unit in tables. Values in files have the same unit, except shares, which are fractions.
     pub fn unit(self) -> &'static str {
         self.names()[2]
     }
 
-    /// Whether it is a share of good pixels, shown in per cent; everything else is an error.
+    /// Returns whether the metric is a share of good pixels, shown in per cent; all others are errors.
     pub fn is_share(self) -> bool {
         self.unit() == "%"
     }
 
-    /// The ratio below which a pixel counts for a share.
+    /// Returns the ratio below which a pixel counts for a share.
     fn bound(self) -> Option<f64> {
         Some(match self {
             Self::Delta102 => 1.02,
@@ -114,7 +114,7 @@ impl Metric {
     }
 }
 
-/// The values of all measures.
+/// Values of all metrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scores([f64; Metric::ALL.len()]);
 
@@ -195,7 +195,7 @@ impl Scores {
         }
     }
 
-    /// Every value changed by itself.
+    /// Applies a function to every value.
     #[must_use]
     pub fn map(self, f: impl Fn(Metric, f64) -> f64) -> Self {
         let mut changed = self;
@@ -214,7 +214,7 @@ impl Serialize for Scores {
 }
 
 impl<'de> Deserialize<'de> for Scores {
-    /// A measure that is null or absent is NaN.
+    /// Metrics that are null or absent are NaN.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         let values = BTreeMap::<String, Option<f64>>::deserialize(deserializer)?;
         let value = |m: Metric| values.get(m.key()).copied().flatten();
@@ -273,7 +273,7 @@ mod tests {
         let text = serde_json::to_string(&scores).unwrap();
         assert!(text.contains("\"delta_1.02\":1.0"), "{text}");
         assert_eq!(serde_json::from_str::<Scores>(&text).unwrap(), scores);
-        // No edge, no soft edge error.
+        // A map without edges has no soft edge error.
         let flat = of(&[1.0, 1.0], &[1.0, 1.0]);
         let text = serde_json::to_string(&flat).unwrap();
         assert!(text.contains("\"see\":null"), "{text}");

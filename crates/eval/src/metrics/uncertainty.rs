@@ -1,60 +1,57 @@
-//! How well predicted standard deviations match the errors. Counted in whole numbers, so that the sum of
-//! shards is the whole, to the last bit.
+//! Evaluation of predicted standard deviations against the errors. Counts are integers, so that sums of shards are exact.
 
 use crate::data::DepthMap;
 use lsdc_core::fit::student_t;
 use serde::{Deserialize, Serialize};
 
-/// Slices that the pixels of a frame are cut into, from the most certain on, and that the levels of
-/// intervals are.
+/// Number of slices of the pixels of a frame, sorted by certainty, and number of interval levels.
 pub const SLICES: usize = 20;
 
-/// The shares of normal errors that one and two standard deviations hold.
+/// Probabilities of normal errors within one and two standard deviations.
 pub const LEVELS: [f64; 2] = [0.6827, 0.9545];
 
-/// Degrees of freedom with which Student's t is normal.
+/// Degrees of freedom at which Student's t is close to normal.
 const NORMAL_FREEDOM: f64 = 1e6;
-/// Parts of a unit that the negative log likelihood is counted in.
+/// Resolution of the negative log likelihood, in parts per unit.
 const PER_UNIT: f64 = 1e6;
-/// A standard deviation of less, in metres, is taken to be this in logarithms.
+/// Lower bound of standard deviations in logarithms, in metres.
 const MIN_SCALE: f64 = 1e-6;
 
-/// The distribution of errors that was predicted: Student's t.
+/// A predicted distribution of errors: Student's t.
 #[derive(Clone, Debug)]
 pub struct PredictedErrors {
-    /// Half the width of the intervals that hold 68.27 % of errors, at every pixel.
+    /// Half the width of the intervals that contain 68.27 % of errors, at every pixel.
     pub deviations: DepthMap,
-    /// Degrees of freedom; `None`: normal.
+    /// Degrees of freedom; `None` if normal.
     pub freedom: Option<f64>,
 }
 
-/// Errors of a method against the standard deviations that it predicted.
+/// Errors of a method compared with its predicted standard deviations.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct UncertaintyScores {
-    /// Pixels whose error is within the interval of 68.27 %.
+    /// Number of pixels whose error is within the interval of 68.27 %.
     pub within_one: u64,
-    /// Pixels whose error is within the interval of 95.45 %.
+    /// Number of pixels whose error is within the interval of 95.45 %.
     pub within_two: u64,
-    /// Pixels by the smallest interval that holds their error: up to 5 %, up to 10 %, ...
+    /// Number of pixels by the smallest interval that contains their error: up to 5 %, up to 10 %, ...
     pub levels: [u64; SLICES],
-    /// Minus the logarithm of the density, per metre, that was predicted for each error, summed, in
-    /// millionths.
+    /// Negative log likelihood of the errors under the predicted density, per metre, summed, in millionths.
     #[serde(rename = "surprise")]
     pub neg_log_likelihood: i64,
-    /// Pixels of each frame by the standard deviation, the most certain slice first.
+    /// Pixels of each frame sorted by standard deviation, the most certain slice first.
     pub predicted: [Slice; SLICES],
-    /// Pixels of each frame by the error itself: the best that could be predicted.
+    /// Pixels of each frame sorted by error, the ideal order.
     pub ideal: [Slice; SLICES],
 }
 
-/// Pixels, and the sum of their squared errors.
+/// Number of pixels, and the sum of their squared errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "(u64, u64)", into = "(u64, u64)")]
 pub struct Slice {
-    /// How many pixels.
+    /// Number of pixels.
     pub pixels: u64,
-    /// Their squared errors, each in whole square millimetres, summed.
+    /// Sum of their squared errors, each rounded to square millimetres.
     pub squares: u64,
 }
 
@@ -71,7 +68,7 @@ impl From<Slice> for (u64, u64) {
 }
 
 impl UncertaintyScores {
-    /// Of a frame: pixels with a true depth. A standard deviation of 0 holds no error.
+    /// Measures the pixels of a frame with a true depth. The interval of a standard deviation of 0 contains no error.
     pub fn of(depth: &DepthMap, truth: &DepthMap, predicted_errors: &PredictedErrors) -> Self {
         let mut uncertainty = Self::default();
         let freedom = predicted_errors.freedom.unwrap_or(NORMAL_FREEDOM);
@@ -136,13 +133,13 @@ impl UncertaintyScores {
         self.predicted.iter().map(|s| s.pixels).sum()
     }
 
-    /// The shares of errors within the intervals of 68.27 and 95.45 %.
+    /// Returns the shares of errors within the intervals of 68.27 and 95.45 %.
     pub fn coverage(&self) -> (f64, f64) {
         let share = |count: u64| count as f64 / self.pixels().max(1) as f64;
         (share(self.within_one), share(self.within_two))
     }
 
-    /// Pairs of a level and the share of errors that intervals of this level hold, from 0 to 1.
+    /// Returns pairs of a level and the share of errors within the intervals of that level, from 0 to 1.
     pub fn calibration(&self) -> Vec<(f64, f64)> {
         let all = self.levels.iter().sum::<u64>().max(1) as f64;
         let covered = self.levels.iter().scan(0, |sum, count| {
@@ -155,14 +152,13 @@ impl UncertaintyScores {
             .collect()
     }
 
-    /// The mean of minus the logarithm of the predicted density of the errors, per metre: the lower,
-    /// the better.
+    /// Returns the mean negative log likelihood of the errors under the predicted density, per metre; lower is better.
     pub fn neg_log_likelihood(&self) -> f64 {
         self.neg_log_likelihood as f64 / PER_UNIT / self.pixels().max(1) as f64
     }
 
-    /// The RMSE in metres of what is left of each frame when the given share of its most uncertain
-    /// pixels is removed: by the prediction, and at best. One entry for each slice.
+    /// Returns the sparsification curve, one entry per slice: the share of the most uncertain pixels removed from each frame,
+    /// and the RMSE of the remaining pixels in metres, sorted by prediction and ideally.
     pub fn sparsification(&self) -> Vec<(f64, f64, f64)> {
         (0..SLICES)
             .map(|removed| {
@@ -177,15 +173,15 @@ impl UncertaintyScores {
             .collect()
     }
 
-    /// The area between the two curves of the sparsification, over the RMSE of all pixels (AUSE,
-    /// Ilg et al. 2018): 0 if errors are ranked as they are.
+    /// Returns the area between the two sparsification curves, divided by the RMSE of all pixels (AUSE, Ilg et al. 2018): 0 if
+    /// the predicted order of errors is ideal.
     pub fn ause(&self) -> f64 {
         let curve = self.sparsification();
         let area: f64 = curve.iter().map(|(_, found, best)| found - best).sum();
         area / (SLICES as f64 * curve[0].1.max(f64::MIN_POSITIVE))
     }
 
-    /// The same area, over that of pixels removed at random: 1 if standard deviations are unrelated to errors.
+    /// Returns the area divided by that of random removal: 1 if standard deviations are unrelated to errors.
     pub fn ause_of_random(&self) -> f64 {
         let curve = self.sparsification();
         let all = curve[0].1;
@@ -225,7 +221,7 @@ mod tests {
         }
     }
 
-    /// Errors drawn from the standard deviations that are predicted, times `factor`.
+    /// Draws errors from the predicted standard deviations, times `factor`.
     fn sampled(factor: f32, known: bool) -> UncertaintyScores {
         let mut rng = Rng::stream(2, &["certainty"]);
         let size = 200 * 200;
@@ -250,20 +246,20 @@ mod tests {
             (one - 0.6827).abs() < 0.007 && (two - 0.9545).abs() < 0.004,
             "{one} {two}"
         );
-        // Half as large: P(|z| < 2) and P(|z| < 4).
+        // Errors half as large: P(|z| < 2) and P(|z| < 4).
         let (one, two) = sampled(0.5, true).coverage();
         assert!((one - 0.9545).abs() < 0.004 && two > 0.9998, "{one} {two}");
         for (level, covered) in sampled(1.0, true).calibration() {
             assert!((level - covered).abs() < 0.01, "{level} {covered}");
         }
-        // The entropy of a normal distribution, ln(sd) + ln(2 pi e) / 2, over both halves.
+        // The entropy of a normal distribution, ln(sd) + ln(2 pi e) / 2, averaged over both halves.
         let entropy = 0.5 * (0.05_f64.ln() + 0.3_f64.ln()) + 1.418_938_5;
         let found = sampled(1.0, true).neg_log_likelihood();
         assert!((found - entropy).abs() < 0.015, "{found} {entropy}");
     }
 
-    /// With one degree of freedom, Student's t is Cauchy's distribution, drawn as tan(pi (u - 1/2)): half of
-    /// all are below 1, and 68.27 % below tan(0.34135 pi).
+    /// With one degree of freedom, Student's t is the Cauchy distribution, sampled as tan(pi (u - 1/2)): half of all absolute
+    /// values are below 1, and 68.27 % below tan(0.34135 pi).
     #[test]
     fn intervals_of_heavy_tails_are_wider() {
         let size = 100 * 100;
@@ -304,7 +300,7 @@ mod tests {
         assert_eq!(curve[0].1, curve[0].2);
         assert!((curve[SLICES / 2].1 - 0.05).abs() < 1e-3);
         assert!(curve.iter().all(|(_, found, best)| best <= found));
-        // A constant ranks no pixel: the curve stays where it is, and the area is larger.
+        // A constant does not rank pixels: the curve is flat, and the area is larger.
         let blind = sampled(1.0, false);
         assert!((blind.sparsification()[SLICES / 2].1 - all).abs() < 0.01);
         assert!(blind.ause() > 2.0 * uncertainty.ause());

@@ -1,4 +1,4 @@
-//! Guides of frames: predictions in files, or those of Depth Anything V2 Small.
+//! Guides of frames: predictions read from files, or by Depth Anything V2 Small.
 
 use crate::data::{DepthMap, GuideSource};
 use image::RgbImage;
@@ -9,37 +9,37 @@ use serde_json::{Value, json};
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// The name of the network that predicts guides.
+/// Name of the network that predicts guides.
 pub const DEPTH_ANYTHING: &str = "depth-anything";
 
-/// The name that stands for no guide.
+/// Name of the option without a guide.
 const NO_GUIDE: &str = "none";
 
-/// What `--guide` names.
+/// The choice of `--guide`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GuideSpec {
-    /// No guide, not even that which weights on an encoder have by default.
+    /// No guide, not even the default one of weights on an encoder.
     None,
-    /// Predictions of other programs, in files.
+    /// Predictions of another program, in files.
     Files(GuideSource),
     /// Predictions of Depth Anything V2 Small.
     DepthAnything(MonocularSpec),
 }
 
-/// Depth Anything V2 Small, as `--guide` and `--head` choose it.
+/// Settings of Depth Anything V2 Small by `--guide` and `--head`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MonocularSpec {
-    /// The network reads an image with a shorter side of about so many pixels.
+    /// Approximate shorter side, in pixels, of the image as read by the network.
     pub short_side: usize,
-    /// The tensor of its head for which there is a replacement.
+    /// Layer of the depth head that has a replacement.
     pub layer: ResizeLayer,
 }
 
 impl GuideSpec {
-    /// The same with a depth head, if `--head` names one.
+    /// Returns the choice with a depth head, if `--head` names one.
     ///
     /// # Errors
-    /// A head for predictions in files.
+    /// A head is given for predictions in files.
     pub fn with_head(self, head: Option<ResizeLayer>) -> Result<Self> {
         match (self, head) {
             (spec, None) => Ok(spec),
@@ -59,7 +59,7 @@ impl GuideSpec {
 impl FromStr for GuideSpec {
     type Err = Error;
 
-    /// `none`, `depth-anything`, `depth-anything:SIDE`, or what [`GuideSource`] reads.
+    /// Parses `none`, `depth-anything`, `depth-anything:SIDE`, or the syntax of [`GuideSource`].
     fn from_str(text: &str) -> Result<Self> {
         if text == NO_GUIDE {
             return Ok(Self::None);
@@ -113,7 +113,7 @@ impl Display for MonocularSpec {
     }
 }
 
-/// Depth Anything V2 Small, ready to predict guides.
+/// Depth Anything V2 Small, loaded for predicting guides.
 #[derive(Clone, Debug)]
 pub struct MonocularGuide {
     spec: MonocularSpec,
@@ -121,10 +121,10 @@ pub struct MonocularGuide {
 }
 
 impl MonocularGuide {
-    /// Reads the network from the user's data folder, if `guide` names it.
+    /// Loads the network from the user's data folder, if `guide` names it.
     ///
     /// # Errors
-    /// It is not installed, or without its depth head or the tensor that is asked for, or its files are damaged.
+    /// The network is not installed, lacks its depth head or the requested tensor, or its files are damaged.
     pub fn open(guide: Option<&GuideSpec>) -> Result<Option<Self>> {
         let Some(&GuideSpec::DepthAnything(spec)) = guide else {
             return Ok(None);
@@ -133,15 +133,15 @@ impl MonocularGuide {
         Ok(Some(Self { spec, installed }))
     }
 
-    /// What was chosen.
+    /// Returns the settings.
     pub fn spec(&self) -> MonocularSpec {
         self.spec
     }
 
-    /// The guide of an upright image.
+    /// Predicts the guide of an upright image.
     ///
     /// # Errors
-    /// An image without pixels, or a prediction that is the same everywhere.
+    /// An image without pixels, or a constant prediction.
     pub fn predict(&self, rgb: &RgbImage) -> Result<DepthGuide> {
         let (width, height) = (rgb.width() as usize, rgb.height() as usize);
         let image = Image::new(width, height, Channels::Rgb, rgb.as_raw())?;
@@ -149,7 +149,7 @@ impl MonocularGuide {
         guide.map_err(|e| Error::of_core(e, DEPTH_ANYTHING))
     }
 
-    /// The relative inverse depth of an upright image, as large as the network's output; 0 where it is infinitely far.
+    /// Returns the relative inverse depth of an upright image, as large as the network's output; 0 at infinity.
     ///
     /// # Errors
     /// An image without pixels.
@@ -161,17 +161,17 @@ impl MonocularGuide {
         Ok(DepthMap::new(width, height, values)?)
     }
 
-    /// Identifies the weights of the network.
+    /// Returns the hash of the weights of the network.
     pub fn hash(&self) -> &str {
         &self.installed.hash
     }
 
-    /// What the guides depend on, beside the images.
+    /// Returns a record of the inputs of the guides, apart from the images.
     pub fn made_from(&self) -> Value {
         json!([self.spec.to_string(), self.installed.hash])
     }
 
-    /// Frees the memory that is kept for further images.
+    /// Frees the memory cached for further images.
     pub fn release(&self) {
         self.installed.network.release();
     }
@@ -183,12 +183,12 @@ impl Display for MonocularGuide {
     }
 }
 
-/// Where the guides of several frames come from.
+/// Source of the guides of several frames.
 #[derive(Clone, Copy, Debug)]
 pub enum Guides<'a> {
-    /// A folder of files by the names of frames, each of the frame after the protocol.
+    /// A folder of files named by frames, each for the frame after the protocol.
     Files(&'a GuideSource),
-    /// Predictions for the frames after the protocol.
+    /// Predictions by the network for the frames after the protocol.
     Predicted(&'a MonocularGuide),
 }
 

@@ -1,4 +1,4 @@
-//! The ways to complete depth, by name.
+//! Methods of depth completion, by name.
 
 use super::check_sizes;
 use crate::data::DepthMap;
@@ -7,7 +7,7 @@ use lsdc_classic::Classic;
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// A way to complete depth.
+/// A method of depth completion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Method {
@@ -15,19 +15,19 @@ pub enum Method {
     Lsdc,
     /// A method without training.
     Classic(Classic),
-    /// A system that the paper compares itself with, from weights of its own.
+    /// A trained system compared in the paper.
     System(SystemKind),
 }
 
 impl Method {
-    /// All methods.
+    /// Returns all methods.
     pub fn all() -> impl Iterator<Item = Self> {
         std::iter::once(Self::Lsdc)
             .chain(Classic::ALL.map(Self::Classic))
             .chain(SystemKind::ALL.map(Self::System))
     }
 
-    /// The name on the command line and in reports.
+    /// Returns the name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Lsdc => "lsdc",
@@ -63,7 +63,7 @@ impl From<Method> for String {
     }
 }
 
-/// A system that the paper compares itself with, trainable with `lsdc-paper`.
+/// A system compared in the paper, trainable with `lsdc-paper`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SystemKind {
     /// Sparse-to-dense.
@@ -75,10 +75,10 @@ pub enum SystemKind {
 }
 
 impl SystemKind {
-    /// All of them.
+    /// All systems.
     pub const ALL: [Self; 3] = [Self::S2d, Self::Cspn, Self::Lsk];
 
-    /// The name on the command line and in reports.
+    /// Returns the name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::S2d => "s2d",
@@ -87,7 +87,7 @@ impl SystemKind {
         }
     }
 
-    /// The publication.
+    /// Returns the publication.
     pub fn source(self) -> &'static str {
         match self {
             Self::S2d => "Ma and Karaman, Sparse-to-Dense, ICRA 2018",

@@ -1,4 +1,4 @@
-//! Image and sparse depths to dense depth: `lsdc-core`'s completer, and methods without training, by name.
+//! Depth completion of an image and sparse depths: the completer of `lsdc-core`, and methods without training by name.
 
 mod guide;
 mod method;
@@ -15,7 +15,7 @@ use lsdc_core::{Channels, Completer, Completion, DepthGuide, Image, Observations
 use lsdc_files::error::{Error, Result};
 use std::fmt::Debug;
 
-/// The features and basis functions of an image, ready for a fit.
+/// Computes the features and basis functions of an image, ready for a fit.
 ///
 /// # Errors
 /// An image without pixels.
@@ -23,7 +23,7 @@ pub fn scene(completer: &Completer, rgb: &RgbImage) -> Result<Scene> {
     guided_scene(completer, rgb, None)
 }
 
-/// The same beside a guide, if there is one.
+/// Does the same with a guide, if there is one.
 ///
 /// # Errors
 /// An image without pixels.
@@ -40,7 +40,7 @@ pub fn guided_scene(
     })
 }
 
-/// Completes the measurements of a map under the guidance of an image of its size.
+/// Completes a sparse depth map, guided by an image of the same size.
 ///
 /// # Errors
 /// Image and sparse depths of different sizes, or no point.
@@ -49,9 +49,9 @@ pub fn complete(completer: &Completer, rgb: &RgbImage, sparse: &DepthMap) -> Res
     Ok(scene(completer, rgb)?.complete(&Observations::from_map(sparse))?)
 }
 
-/// Completes the measurements of a map under the guidance of an image of its size.
+/// A method that completes a sparse depth map, guided by an image of the same size.
 pub trait DepthCompleter: Debug + Send + Sync {
-    /// The depth of every pixel.
+    /// Returns the depth of every pixel.
     ///
     /// # Errors
     /// Image and sparse depths of different sizes, or no point.
@@ -64,10 +64,10 @@ impl DepthCompleter for Completer {
     }
 }
 
-/// Whether image and sparse depths show the same pixels.
+/// Checks that image and sparse depths have the same size.
 ///
 /// # Errors
-/// They differ in size.
+/// The sizes differ.
 pub fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
     if (rgb.width() as usize, rgb.height() as usize) == (sparse.width(), sparse.height()) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! How to preserve the input depths.
+//! Preservation of the input depths.
 
 use crate::data::DepthMap;
 use lsdc_core::Observations;
@@ -8,18 +8,17 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Whether the dense depth meets the points.
+/// How the dense depth preserves the input depths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Preserve {
-    /// Not exactly: the fit stays as it is.
+    /// Keep the fit unchanged.
     #[default]
     None,
-    /// At the pixels of the points, and nowhere else.
+    /// Replace the depths at the pixels of the points only.
     Exact,
-    /// Exactly, and their neighbourhood follows: residuals are interpolated by the inverse square
-    /// of the distance and fade out. What is nearer than a point was is moved less, in proportion, so
-    /// that no depth falls to 0.
+    /// Exact at the points, with their surroundings adapted: residuals are interpolated by inverse squared distance and fade
+    /// out. Pixels nearer than the prediction at a point are changed in proportion, so that no depth becomes 0.
     Blend,
 }
 
@@ -27,7 +26,7 @@ impl Preserve {
     /// All choices.
     pub const ALL: [Self; 3] = [Self::None, Self::Exact, Self::Blend];
 
-    /// The name on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -36,11 +35,11 @@ impl Preserve {
         }
     }
 
-    /// `depth` with the observations of an image of `size` (width, height) in it: each belongs to the
-    /// pixel that it falls into; of several in one pixel the one nearest to its centre counts.
+    /// Inserts the observations of an image of `size` (width, height) into `depth`. Each belongs to the pixel that contains it;
+    /// of several in a pixel, the one nearest to its centre counts.
     ///
     /// # Errors
-    /// None for maps that are sound.
+    /// None for valid maps.
     pub fn apply(
         self,
         depth: DepthMap,
@@ -92,21 +91,21 @@ impl Preserve {
 }
 
 fn blend(values: &mut [f32], width: usize, pixels: &[[usize; 2]], depths: &[f32]) {
-    /// Points that take part at a pixel (Shepard 1968).
+    /// Number of points interpolated at a pixel (Shepard 1968).
     const NEIGHBOURS: usize = 6;
     if pixels.is_empty() {
         return;
     }
     // Two thirds of the mean distance between points.
     let radius = 0.67 * (values.len() as f64 / pixels.len() as f64).sqrt().max(1.5);
-    // What was there, and what is to be added.
+    // Predicted depth and residual of each point.
     let residuals: Vec<[f64; 2]> = pixels
         .iter()
         .zip(depths)
         .map(|(&[x, y], &measured)| {
             let value = &mut values[y * width + x];
             if *value == 0.0 {
-                // A hole is filled; its residual of 0 leaves the neighbourhood as it is.
+                // A hole is filled; its residual of 0 leaves the surroundings unchanged.
                 *value = measured;
             }
             let predicted = f64::from(*value);
@@ -131,7 +130,7 @@ fn blend(values: &mut [f32], width: usize, pixels: &[[usize; 2]], depths: &[f32]
                 }
                 let (mut sum, mut total) = (0.0, 0.0);
                 for &(square, i) in &neighbours {
-                    // At a point nothing else counts.
+                    // At a point, its own weight dominates.
                     let weight = 1.0 / square.max(1e-9);
                     let [predicted, residual] = residuals[i];
                     sum += weight * residual * (value_before / predicted).min(1.0);
@@ -197,7 +196,7 @@ mod tests {
 
     #[test]
     fn blend_makes_no_hole_beside_an_outlier() {
-        // A foreground at 1 m before a wall at 8 m, and a point of 0.3 m where the wall was read.
+        // A foreground at 1 m in front of a wall at 8 m, and a point of 0.3 m where the wall was predicted.
         let step = |i: usize| if i % 40 < 20 { 1.0 } else { 8.0 };
         let depth = DepthMap::new(40, 30, (0..1200).map(step).collect()).unwrap();
         let at = |x, y, depth| Point { x, y, depth };
@@ -210,7 +209,7 @@ mod tests {
         for p in points.points() {
             assert!((blended.at(p.x, p.y) - p.depth).abs() < 1e-6);
         }
-        // The foreground stays a foreground: nearer than it is no further than the point says.
+        // The foreground moves in proportion to its depth.
         assert!(blended.at(19, 15) > 0.03, "{}", blended.at(19, 15));
         assert!(blended.at(19, 15) < 1.0);
     }

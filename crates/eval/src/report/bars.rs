@@ -4,16 +4,16 @@ use super::chart::{COLOURS, ticks, x_axis};
 use super::drawing::{Drawing, escaped};
 use std::fmt::Write as _;
 
-/// Bars of several parts each, from the left.
+/// A bar chart; each bar has several parts, from left to right.
 #[derive(Clone, Debug)]
 pub struct Bars<'a> {
-    /// What they show.
+    /// Title of the chart.
     pub title: &'a str,
-    /// Of the lengths.
+    /// Unit of the lengths.
     pub unit: &'a str,
-    /// What the parts are.
+    /// Names of the parts.
     pub parts: &'a [&'a str],
-    /// Names, and a length for each part.
+    /// Name of each bar, and the length of each part.
     pub rows: Vec<(String, Vec<f64>)>,
 }
 
@@ -24,7 +24,7 @@ const TOP: f64 = 50.0;
 const ROW: f64 = 26.0;
 
 impl Bars<'_> {
-    /// The bars as a picture.
+    /// Draws the chart.
     pub fn draw(&self) -> Drawing {
         let total = |row: &(String, Vec<f64>)| row.1.iter().sum::<f64>();
         let max_total = self

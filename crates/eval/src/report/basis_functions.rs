@@ -1,4 +1,4 @@
-//! Pictures of basis functions, and of the similarity of pixels in them.
+//! Pictures of basis functions, and of the similarity between pixels.
 
 use super::{ColourScale, Drawing, Panel, Panels, diverging};
 use crate::predict::scene;
@@ -6,13 +6,13 @@ use image::{Rgb, RgbImage};
 use lsdc_core::Completer;
 use lsdc_files::error::Result;
 
-/// Pixels of which the kernel is shown, as shares of width and height.
+/// Pixels whose kernels are shown, as fractions of width and height.
 const KERNEL_PIXELS: [(f64, f64); 4] = [(0.2, 0.3), (0.75, 0.25), (0.3, 0.75), (0.7, 0.7)];
-/// Basis functions on the contact sheet.
+/// Limit of basis functions on the contact sheet.
 const MAX_FUNCTIONS: usize = 30;
 const COLUMNS: usize = 5;
 
-/// The scale of pictures of signed numbers, from blue to red.
+/// Returns a diverging colour scale for signed numbers, from blue to red.
 pub fn diverging_scale(name: &str, limit: f32) -> ColourScale {
     ColourScale {
         name: name.into(),
@@ -23,21 +23,21 @@ pub fn diverging_scale(name: &str, limit: f32) -> ColourScale {
     }
 }
 
-/// The learned basis functions of an image, less their means: values `[pixels, N]`, and N.
+/// Returns the learned basis functions of an image without their means, `[pixels, N]`, and N.
 fn centred_functions(completer: &Completer, rgb: &RgbImage) -> Result<(Vec<f32>, usize)> {
     let (width, height) = rgb.dimensions();
     let pixels = 0..width * height;
     let position = |pixel: u32| [f64::from(pixel % width), f64::from(pixel / width)];
     let positions: Vec<_> = pixels.clone().map(position).collect();
     let rows = scene(completer, rgb)?.basis_functions(&positions);
-    // The first is constant.
+    // The first function is constant.
     let stride = rows.len() / pixels.len();
     let learned = rows.chunks_exact(stride).flat_map(|row| &row[1..]);
     let values: Vec<f32> = learned.copied().collect();
     Ok((centred(&values, stride - 1), stride - 1))
 }
 
-/// An image, and for some of its pixels the correlation with the basis functions of all pixels, from -1 to 1.
+/// Returns an image, and for some of its pixels the correlation with the basis functions of all pixels, from -1 to 1.
 ///
 /// # Errors
 /// An image without pixels.
@@ -79,7 +79,7 @@ pub fn kernels(completer: &Completer, rgb: RgbImage) -> Result<Vec<Panel>> {
     Ok(panels)
 }
 
-/// The basis functions of greatest standard deviation over an image, as a picture.
+/// Draws the basis functions with the largest standard deviations over an image.
 ///
 /// # Errors
 /// An image without pixels.
@@ -123,7 +123,7 @@ pub fn contact_sheet(completer: &Completer, rgb: &RgbImage) -> Result<Drawing> {
     Ok(panels.draw())
 }
 
-/// Values `[pixels, count]` less the mean of each function.
+/// Subtracts the mean of each function from values `[pixels, count]`.
 fn centred(values: &[f32], count: usize) -> Vec<f32> {
     let mut means = vec![0.0_f64; count];
     for row in values.chunks_exact(count) {

@@ -3,46 +3,46 @@
 use super::drawing::{Drawing, escaped};
 use std::fmt::Write as _;
 
-/// A chart of several lines over one axis.
+/// A line chart.
 #[derive(Clone, Debug)]
 pub struct Chart<'a> {
-    /// What it shows.
+    /// Title of the chart.
     pub title: &'a str,
-    /// The label of the horizontal axis, with its unit.
+    /// Label of the horizontal axis, with its unit.
     pub x_label: &'a str,
-    /// The label of the vertical axis, with its unit.
+    /// Label of the vertical axis, with its unit.
     pub y_label: &'a str,
-    /// Their scales.
+    /// Scales of the axes.
     pub scales: AxisScales,
-    /// What is drawn; lines with names are listed beside the chart.
+    /// Lines of the chart; named ones are listed beside the chart.
     pub lines: Vec<Line>,
 }
 
-/// How the axes of a chart run.
+/// Scales of the axes of a chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AxisScales {
-    /// Both evenly, the vertical one from 0.
+    /// Both linear, the vertical one from 0.
     Linear,
-    /// The horizontal one logarithmically, the vertical one evenly from 0.
+    /// Horizontal logarithmic, vertical linear from 0.
     LogX,
-    /// Both logarithmically. Values that are not positive are left out.
+    /// Both logarithmic. Values that are not positive are left out.
     LogLog,
 }
 
 /// A line of a chart.
 #[derive(Clone, Debug, Default)]
 pub struct Line {
-    /// What it shows; without a name, the line is missing in the legend.
+    /// Name in the legend; a line without one is not listed.
     pub name: Option<String>,
-    /// Its place among the colours.
+    /// Index of its colour.
     pub colour: usize,
-    /// Whether it is a limit or somebody else's, drawn dashed, rather than a measurement.
+    /// Whether it is drawn dashed, for limits and published results rather than measurements.
     pub dashed: bool,
-    /// From left to right.
+    /// Points from left to right.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Colours of the lines, apart for colour-blind eyes as well (Okabe and Ito 2008).
+/// Colours of the lines, distinguishable with colour blindness (Okabe and Ito 2008).
 pub(super) const COLOURS: [&str; 10] = [
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a8a00",
     "#8c564b", "#999999",
@@ -54,13 +54,13 @@ const LEFT: f64 = 58.0;
 const BOTTOM: f64 = 42.0;
 const TOP: f64 = 28.0;
 const RIGHT: f64 = 22.0;
-/// Beside the chart, for names.
+/// Width beside the chart for names.
 const NAMES: f64 = 150.0;
-/// Lines of no more points than this show where they are.
+/// Largest number of points of a line with markers.
 const MARKED: usize = 24;
 
 impl Chart<'_> {
-    /// The chart as a picture.
+    /// Draws the chart.
     pub fn draw(&self) -> Drawing {
         let visible = |line: &Line| -> Vec<(f64, f64)> {
             let positive = |&(_, v): &(f64, f64)| self.scales != AxisScales::LogLog || v > 0.0;
@@ -177,7 +177,7 @@ impl Chart<'_> {
     }
 }
 
-/// How far a value is from the lower to the upper of two.
+/// Returns the relative position of a value between two limits.
 fn share(value: f64, (low, high): (f64, f64), by_log: bool) -> f64 {
     let scaled = |v: f64| if by_log { v.ln() } else { v };
     (scaled(value) - scaled(low)) / (scaled(high) - scaled(low))
@@ -191,7 +191,7 @@ fn dashes(dashed: bool) -> &'static str {
     }
 }
 
-/// Round numbers between two values: about five.
+/// Returns about five round numbers between two values.
 pub(super) fn ticks(low: f64, high: f64) -> Vec<f64> {
     let rough = (high - low) / 5.0;
     let power = 10_f64.powf(rough.log10().floor());
@@ -205,7 +205,7 @@ pub(super) fn ticks(low: f64, high: f64) -> Vec<f64> {
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
-/// Powers of ten, with 2 and 5 between them where there is room.
+/// Returns powers of ten, with 2 and 5 between them if there is room.
 fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = (high / low).log10();
     let digits: &[f64] = if decades < 3.0 {
@@ -264,7 +264,7 @@ mod tests {
             }],
         };
         let drawing = chart.draw();
-        // That of the error 0 is left out.
+        // The point with error 0 is left out.
         assert_eq!(drawing.body.matches("<circle").count(), 2);
         assert!(!drawing.body.contains("NaN") && !drawing.body.contains("inf"));
     }

@@ -1,10 +1,10 @@
-//! Depths and errors as colours.
+//! Depths and errors in colour.
 
 use crate::data::DepthMap;
 use image::{Rgb, RgbImage};
 
-/// The turbo colour map (Mikhailov 2019) from `low` (blue) to `high` (red) metres, in the approximation
-/// of d3, which is up to 34 levels of 255 from the published table; black where there is no depth.
+/// Colours depths with the turbo map (Mikhailov 2019) from `low` (blue) to `high` (red) metres, in the approximation of d3,
+/// which differs by up to 34 levels of 255 from the published table; black at pixels without depth.
 pub fn coloured(depth: &DepthMap, low: f32, high: f32) -> RgbImage {
     let span = (high - low).max(f32::EPSILON);
     RgbImage::from_fn(depth.width() as u32, depth.height() as u32, |x, y| {
@@ -17,7 +17,7 @@ pub fn coloured(depth: &DepthMap, low: f32, high: f32) -> RgbImage {
     })
 }
 
-/// A red-blue colour map from -`limit` (blue) over 0 (white) to `limit` (red), of values row by row.
+/// Colours values, given row by row, with a diverging map from -`limit` (blue) over 0 (white) to `limit` (red).
 pub fn diverging(values: &[f32], width: usize, limit: f32) -> RgbImage {
     let height = values.len() / width.max(1);
     RgbImage::from_fn(width as u32, height as u32, |x, y| {
@@ -27,7 +27,7 @@ pub fn diverging(values: &[f32], width: usize, limit: f32) -> RgbImage {
     })
 }
 
-/// The inferno colour map from 0 (black) to `high` metres (yellow); grey where there is no truth.
+/// Colours errors with the inferno map from 0 (black) to `high` metres (yellow); grey at pixels without true depth.
 pub(super) fn errors(prediction: &DepthMap, truth: &DepthMap, high: f32) -> RgbImage {
     let (width, height) = (truth.width() as u32, truth.height() as u32);
     RgbImage::from_fn(width, height, |x, y| {

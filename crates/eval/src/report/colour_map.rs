@@ -1,4 +1,4 @@
-//! A depth map in colours, with what they mean below it.
+//! A coloured depth map with its colour scale.
 
 use super::colour::coloured;
 use super::drawing::Drawing;
@@ -7,14 +7,14 @@ use crate::data::DepthMap;
 use image::{RgbImage, imageops};
 use lsdc_files::error::{Error, Result};
 
-/// Units of a drawing: the height of the strip below a map, and the width that its scale takes.
+/// Drawing units: the height of the strip below a map, and the width of its scale.
 const STRIP_HEIGHT: f64 = 20.0;
 const WIDTH: f64 = 290.0;
-/// Images that are wider have larger letters.
+/// Width above which letters are enlarged, in pixels.
 const REFERENCE_WIDTH: f64 = 640.0;
 
-/// Returns the depths from which to which colours are spread: those of the middle 98 % of the pixels, so that a few stray
-/// ones leave the others their colours. `None` without a depth.
+/// Returns the usual range of colours: the middle 98 % of the depths, so that a few outliers do not compress the scale. `None`
+/// without a depth.
 pub fn usual_range(depth: &DepthMap) -> Option<(f32, f32)> {
     let mut depths: Vec<f32> = depth.points().map(|point| point.depth).collect();
     if depths.is_empty() {
@@ -28,11 +28,11 @@ pub fn usual_range(depth: &DepthMap) -> Option<(f32, f32)> {
     Some((at(0.01), at(0.99)))
 }
 
-/// Returns a depth map in [colours](coloured) from `low` to `high`, above a strip with their scale. `unit` is that of the
+/// Returns a depth map in [colours](coloured) from `low` to `high`, above a strip with their scale. `unit` is the unit of the
 /// depths. The strip has an even number of rows.
 ///
 /// # Errors
-/// None for maps that are sound.
+/// None for valid maps.
 pub fn colour_map(depth: &DepthMap, low: f32, high: f32, unit: &'static str) -> Result<RgbImage> {
     let map = coloured(depth, low, high);
     let (width, height) = map.dimensions();

@@ -1,4 +1,4 @@
-//! One line per frame, seed and method.
+//! Scores as CSV, one line per frame, seed and method.
 
 use super::EvaluationReport;
 use crate::data::write_atomically;
@@ -7,7 +7,7 @@ use lsdc_files::error::Result;
 use std::path::Path;
 
 impl EvaluationReport {
-    /// Writes `frame,seed,method,points` and every measure; an empty field means none.
+    /// Writes `frame,seed,method,points` and every metric; missing values are empty.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -33,7 +33,7 @@ impl EvaluationReport {
     }
 }
 
-/// A field as RFC 4180 wants it.
+/// Quotes a field if RFC 4180 requires it.
 fn quoted(field: &str) -> String {
     if field.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", field.replace('"', "\"\""))

@@ -9,10 +9,10 @@ use lsdc_files::error::{Error, Result};
 use std::fmt::{Display, Formatter};
 use std::path::Path;
 
-/// What charts and tables show.
+/// Metrics of charts and tables.
 const METRICS: [Metric; 2] = [Metric::Rmse, Metric::Rel];
 
-/// A heading without the points.
+/// Returns the heading without the points.
 fn without_points(report: &EvaluationReport) -> Heading {
     let mut heading = report.heading().clone();
     heading.points.clear();
@@ -28,15 +28,15 @@ fn without_points(report: &EvaluationReport) -> Heading {
 pub struct Curve {
     dataset: String,
     methods: Vec<String>,
-    /// The mean number of points, and each method's scores; the fewest points first.
+    /// Mean number of points, and each method's scores, sorted by increasing number of points.
     rows: Vec<(f64, Vec<Scores>)>,
 }
 
 impl Curve {
-    /// Reports of the same methods on the same dataset and protocol.
+    /// Creates the curves from reports of the same methods on the same dataset and protocol.
     ///
     /// # Errors
-    /// None, or reports that measure something else.
+    /// No reports, or reports with different settings.
     pub fn of(reports: &[EvaluationReport]) -> Result<Self> {
         let first = reports
             .first()

@@ -1,4 +1,4 @@
-//! Pictures as SVG documents, and what a rasteriser makes of them.
+//! Pictures as SVG documents and raster images.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -8,7 +8,7 @@ use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree};
 use std::io::Cursor;
 
-/// Pixels of a raster image to a unit of a drawing.
+/// Pixels of a raster image per drawing unit.
 const PIXELS_PER_UNIT: f32 = 2.0;
 
 /// A picture of lines, text and images.
@@ -21,7 +21,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// As a part of a page that has the style; nothing if there is nothing to show.
+    /// Returns SVG for a page that includes the style; empty if the drawing is empty.
     pub fn inline(&self) -> String {
         if self.body.is_empty() {
             return String::new();
@@ -35,7 +35,7 @@ impl Drawing {
         )
     }
 
-    /// As a document of its own.
+    /// Returns a standalone SVG document.
     pub fn document(&self) -> String {
         let Self {
             title,
@@ -52,19 +52,19 @@ impl Drawing {
         )
     }
 
-    /// As a PNG of twice as many pixels as units, with the same letters on every machine.
+    /// Renders a PNG with two pixels per unit. The font is the same on every machine.
     ///
     /// # Errors
-    /// A drawing without extent.
+    /// The drawing has no extent.
     pub fn png(&self) -> Result<Vec<u8>> {
         let pixmap = self.pixmap(PIXELS_PER_UNIT)?;
         pixmap.encode_png().map_err(|e| self.draw_error(e))
     }
 
-    /// As an image of so many pixels to a unit.
+    /// Renders an image with this many pixels per unit.
     ///
     /// # Errors
-    /// A drawing without extent.
+    /// The drawing has no extent.
     pub(super) fn image(&self, pixels_per_unit: f32) -> Result<RgbImage> {
         let pixmap = self.pixmap(pixels_per_unit)?;
         let pixel = |x: u32, y: u32| {
@@ -98,10 +98,10 @@ impl Drawing {
     }
 }
 
-/// An image as the address of itself.
+/// Returns an image as a data URL.
 pub(super) fn data_url(image: &RgbImage) -> String {
     let mut bytes = Cursor::new(Vec::new());
-    // Writing to memory fails for images without pixels alone.
+    // Writing to memory fails only for images without pixels.
     let written = image.write_to(&mut bytes, ImageFormat::Png);
     let bytes = written.map_or_else(|_| Vec::new(), |()| bytes.into_inner());
     format!("data:image/png;base64,{}", STANDARD.encode(bytes))

@@ -1,4 +1,4 @@
-//! One page that needs nothing else: tables, charts, and pictures of remarkable frames.
+//! The report as a self-contained page: tables, charts, and pictures of example frames.
 
 use super::chart::{AxisScales, COLOURS, Chart, Line};
 use super::colour::{coloured, errors};
@@ -13,7 +13,7 @@ use lsdc_files::error::Result;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// A frame to be shown.
+/// A frame shown in a report.
 #[derive(Clone, Debug)]
 pub struct ExampleFrame {
     /// Why it is shown: `worst`, `median` or `best`.
@@ -22,7 +22,7 @@ pub struct ExampleFrame {
     pub frame: String,
     /// The colour image.
     pub rgb: RgbImage,
-    /// The points that were given.
+    /// Sparse points given to the methods.
     pub sparse: DepthMap,
     /// The true depth.
     pub truth: DepthMap,
@@ -40,7 +40,7 @@ impl EvaluationReport {
         write_atomically(path, |out| out.write_all(page.as_bytes()))
     }
 
-    /// The page.
+    /// Returns the page.
     pub fn to_html(&self, examples: &[ExampleFrame]) -> String {
         let mut page = begin(&format!("Depth completion on {}", self.heading.dataset));
         page.push_str("<table class='preface'>");
@@ -97,7 +97,7 @@ impl EvaluationReport {
             };
             (0..methods.len()).map(line).collect()
         };
-        // A mean over few pixels is noise: a bin needs a thousandth of all.
+        // A mean over few pixels is noisy, so that a bin needs a thousandth of all pixels.
         let curve = |axis: Axis, method: usize| -> Vec<(f64, f64)> {
             let bins = self.sums[method].profile.along(axis);
             let all: u64 = bins.iter().map(|b| b.pixels).sum();
@@ -127,7 +127,7 @@ impl EvaluationReport {
                 .map(|(i, v)| (share(i), v))
                 .collect()
         };
-        // By the prediction, and at best.
+        // Sorted by the prediction, and ideally.
         let mut sparsification = Vec::new();
         for (colour, sums) in self.sums.iter().enumerate() {
             let curve = sums
@@ -214,7 +214,7 @@ impl EvaluationReport {
     }
 }
 
-/// Text with the marks of plain text as elements: `names`, powers (`1.25^2`) and the window of a measure (`SEE_3`).
+/// Converts the marks of plain text to elements: `names`, powers (`1.25^2`) and the window of a metric (`SEE_3`).
 pub(super) fn markup(text: &str) -> String {
     let text = escaped(text);
     let mut html = String::new();
@@ -237,7 +237,7 @@ fn powers_and_windows(text: &str) -> String {
     digits_in_element(&digits_in_element(text, "^", "sup"), "SEE_", "sub")
 }
 
-/// Puts the digits that follow a mark into an element; a mark of letters stays, without what joins it to them.
+/// Wraps the digits after a mark in an element. A mark of letters is kept, without the character that joins it to the digits.
 fn digits_in_element(text: &str, mark: &str, element: &str) -> String {
     let mut parts = text.split(mark);
     let mut html = parts.next().unwrap_or_default().to_owned();
@@ -254,7 +254,7 @@ fn digits_in_element(text: &str, mark: &str, element: &str) -> String {
     html
 }
 
-/// The page up to its title.
+/// Returns the page up to its title.
 pub(super) fn begin(title: &str) -> String {
     format!(
         "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>\
@@ -295,7 +295,7 @@ fn charts_with_legend(names: &[String], charts: &[Chart<'_>]) -> String {
     format!("{}<div class='charts'>{drawn}</div>", legend(names))
 }
 
-/// The colours of the methods.
+/// Returns the legend with the colours of the methods.
 fn legend(methods: &[String]) -> String {
     let mut legend = String::from("<p class='legend'>");
     for (name, i) in methods.iter().zip(0..) {
@@ -309,7 +309,7 @@ fn legend(methods: &[String]) -> String {
     legend
 }
 
-/// What is not in the numbers.
+/// Lists the frames that could not be measured.
 pub(super) fn failed(failures: &[Failure]) -> String {
     if failures.is_empty() {
         return String::new();
@@ -322,7 +322,7 @@ pub(super) fn failed(failures: &[Failure]) -> String {
     list + "</ul>"
 }
 
-/// All measures of each method, errors and shares apart; the best of each column stands out.
+/// Returns all metrics of each method, with separate tables of errors and shares; the best of each column is highlighted.
 fn tables(means: &[Mean]) -> String {
     TABLES.iter().map(|metrics| table(means, metrics)).collect()
 }
@@ -398,7 +398,7 @@ fn figure(caption: &str, image: &RgbImage) -> String {
     )
 }
 
-/// The points as dots over the darkened image.
+/// Draws the points as dots over the darkened image.
 pub(super) fn points_on_image(example: &ExampleFrame, low: f32, high: f32) -> RgbImage {
     let mut image = example.rgb.clone();
     image
@@ -419,7 +419,7 @@ pub(super) fn points_on_image(example: &ExampleFrame, low: f32, high: f32) -> Rg
     image
 }
 
-/// The end of the scale of errors: what 98 % of the pixels of the first method stay below.
+/// Returns the upper end of the error scale: the 98th percentile of the errors of the first method.
 pub(super) fn error_scale(example: &ExampleFrame) -> f32 {
     let Some((_, _, depth)) = example.predictions.first() else {
         return 1.0;

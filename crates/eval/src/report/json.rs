@@ -1,4 +1,4 @@
-//! The machine-readable report: everything, without rounding.
+//! The machine-readable report, without rounding.
 
 use super::{EvaluationReport, Failure, FrameScores, Heading, Mean, Sums};
 use crate::data::{Environment, Shard, write_atomically};
@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The part of the file that a report is read back from; all else follows from it.
+/// The fields that a report is read back from; all other fields are derived.
 #[derive(Deserialize)]
 struct File {
     heading: Heading,
@@ -34,7 +34,7 @@ struct Line {
 }
 
 impl EvaluationReport {
-    /// The report as one JSON object.
+    /// Returns the report as one JSON object.
     pub fn to_json(&self) -> Value {
         let methods = || self.heading.methods.iter().cloned();
         let frames: Vec<Line> = self
@@ -105,7 +105,7 @@ impl EvaluationReport {
     /// Reads a report back.
     ///
     /// # Errors
-    /// Text that is no report, or one that contradicts itself.
+    /// Text that is not a report, or one that contradicts itself.
     pub fn from_json(text: &str) -> Result<Self> {
         let file: File = serde_json::from_str(text)
             .map_err(|e| Error::config("this is no report of `lsdc eval --json`").because(e))?;
@@ -148,16 +148,16 @@ impl EvaluationReport {
         })
     }
 
-    /// Reads a file that [`write_json`](Self::write_json) wrote.
+    /// Reads a file written by [`write_json`](Self::write_json).
     ///
     /// # Errors
-    /// The file cannot be read, or is no report.
+    /// The file cannot be read, or is not a report.
     pub fn read_json(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
         Self::from_json(&text).map_err(|e| Error::format(path, "is not a report").because(e))
     }
 
-    /// Second minus first, by method and measure.
+    /// Returns the differences, second minus first, by method and metric.
     fn all_differences(&self) -> Value {
         let mut by_method = BTreeMap::<&str, Map<String, Value>>::new();
         for metric in Metric::ALL {

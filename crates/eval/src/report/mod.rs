@@ -1,4 +1,4 @@
-//! The outcome of an evaluation: text, JSON, CSV and a page with pictures.
+//! The result of an evaluation as text, JSON, CSV, and a page with pictures.
 
 mod bars;
 mod basis_functions;
@@ -41,48 +41,48 @@ use lsdc_weights::provenance::{FileStamp, differences};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What was measured, in words and numbers: printed above every table and kept in every file. Two
-/// reports with the same heading may be joined.
+/// Settings of an evaluation, as text and numbers: printed above every table and stored in every file. Only reports with the
+/// same heading can be joined.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Heading {
-    /// The dataset and split.
+    /// Dataset and split.
     pub dataset: String,
-    /// What was found where the dataset lies.
+    /// Description of the dataset as found on disk.
     pub found: String,
-    /// The protocol's name and source.
+    /// Name and source of the protocol.
     pub protocol: String,
-    /// Its steps.
+    /// Steps of the protocol.
     pub steps: String,
-    /// The law of the sparse points.
+    /// Pattern of the sparse points.
     pub points: String,
-    /// What was held out of the frames, if anything was.
+    /// Pixels held out of the frames, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hold_out: Option<String>,
-    /// What was done to them.
+    /// Noise added to the points, if any.
     pub noise: Option<String>,
-    /// The seeds of the points.
+    /// Seeds of the draws of points.
     pub seeds: Vec<u64>,
-    /// What is compared, in order.
+    /// Names of the methods, in order.
     pub methods: Vec<String>,
-    /// The weights of the network.
+    /// Weights of the network.
     pub weights: Option<String>,
     /// Limits of the predictions.
     pub limits: String,
-    /// What the measures leave open.
+    /// Parameters of the metrics.
     pub rules: Rules,
-    /// The share of the predicted depth up to which a standard deviation counts as certain, if they were measured.
+    /// Largest standard deviation, as a fraction of the predicted depth, that counts as certain, if they were measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sigma_cut: Option<f64>,
-    /// Frames in all, whichever shard measured them.
+    /// Number of frames of the whole evaluation, including those of other shards.
     pub frames: usize,
-    /// Everything that the numbers depend on, whether the words above mention it or not: the program,
-    /// the settings, files by their contents.
+    /// Record of everything that the numbers depend on, including what the fields above mention: the program, the settings,
+    /// files by their contents.
     pub made_from: serde_json::Value,
 }
 
 impl Heading {
-    /// The first value that another heading has otherwise, if there is one.
+    /// Returns the first value that differs from another heading, if there is one.
     fn difference(&self, other: &Self) -> Option<String> {
         let value = |heading: &Self| serde_json::to_value(heading).unwrap_or_default();
         let found = differences(&value(self), &value(other));
@@ -90,39 +90,39 @@ impl Heading {
     }
 }
 
-/// How one method did on one frame with one draw of points.
+/// Result of a method for a frame and a draw of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MethodOutcome {
-    /// The measures.
+    /// Values of the metrics.
     pub scores: Scores,
-    /// Where the errors are.
+    /// Error profile.
     pub profile: ErrorProfile,
-    /// How well they were predicted, if they were.
+    /// Scores of the predicted standard deviations, if they were predicted.
     #[serde(rename = "certainty", default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<UncertaintyScores>,
-    /// The errors by true depth.
+    /// Errors by true depth.
     pub ranges: DepthRangeErrors,
 }
 
-/// One frame with one draw of points.
+/// A frame with one draw of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrameRecord {
     /// The frame's name.
     pub frame: String,
-    /// Names the draw.
+    /// Seed of the draw.
     pub seed: u64,
-    /// Sparse points that were given.
+    /// Number of sparse points given.
     pub points: usize,
-    /// Where the frame was taken.
+    /// Whether the frame was taken indoors or outdoors.
     pub place: Environment,
-    /// The scene that it shows, if the dataset knows it by other means than the folders in names.
+    /// Scene of the frame, if the dataset defines it other than by the folders in names.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<String>,
-    /// One for each method, in the order of the heading.
+    /// Results of the methods, in the order of the heading.
     pub outcomes: Vec<MethodOutcome>,
-    /// The files of the frame as they were when it was measured, in the order of the dataset.
+    /// Stamps of the files of the frame when it was measured, in the order of the dataset.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub files: Vec<FileStamp>,
 }
@@ -133,20 +133,20 @@ pub struct FrameRecord {
 pub struct Failure {
     /// The frame's name.
     pub frame: String,
-    /// What was wrong.
+    /// Message of the error.
     pub error: String,
 }
 
-/// Scores of a frame under one seed: what a report keeps of a [`FrameRecord`].
+/// Scores of a frame under one seed: the part of a [`FrameRecord`] kept in a report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameScores {
-    /// Sparse points that were given.
+    /// Number of sparse points given.
     pub points: usize,
-    /// Where the frame was taken.
+    /// Whether the frame was taken indoors or outdoors.
     pub place: Environment,
-    /// The scene that it shows, if the dataset knows it by other means than the folders in names.
+    /// Scene of the frame, if the dataset defines it other than by the folders in names.
     pub scene: Option<String>,
-    /// One for each method, in the order of the heading.
+    /// Scores of the methods, in the order of the heading.
     pub scores: Vec<Scores>,
 }
 
@@ -154,12 +154,12 @@ pub struct FrameScores {
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvaluationReport {
     heading: Heading,
-    /// By frame and seed; every sum runs in this order, whatever the order of measuring.
+    /// Scores by frame and seed. Every sum runs in this order, independent of the order of measuring.
     frames: BTreeMap<(String, u64), FrameScores>,
-    /// One for each method, in the order of the heading.
+    /// Sums of the methods, in the order of the heading.
     sums: Vec<Sums>,
     failures: Vec<Failure>,
-    /// Which parts of the frames these are.
+    /// Shards of the frames in this report.
     parts: Vec<Shard>,
 }
 
@@ -189,16 +189,16 @@ impl Sums {
 /// A method's average over all frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mean<'a> {
-    /// Its name.
+    /// Name of the method.
     pub method: &'a str,
-    /// The mean over seeds of the mean over frames.
+    /// Mean over seeds of the mean over frames.
     pub mean: Scores,
-    /// Its standard deviation over seeds; NaN for a single seed.
+    /// Standard deviation over seeds; NaN for a single seed.
     pub deviation: Scores,
 }
 
 impl EvaluationReport {
-    /// An empty report.
+    /// Creates an empty report.
     pub fn new(heading: Heading) -> Self {
         Self {
             sums: vec![Sums::default(); heading.methods.len()],
@@ -209,17 +209,17 @@ impl EvaluationReport {
         }
     }
 
-    /// A report of the frames of one part.
+    /// Sets the shard of the frames in this report.
     #[must_use]
     pub fn of_part(mut self, part: Shard) -> Self {
         self.parts = vec![part];
         self
     }
 
-    /// Checks that no frame is missing. Reports that are joined to the whole count as one.
+    /// Checks that no frame is missing. Reports joined into a whole count as one.
     ///
     /// # Errors
-    /// A part is missing, which is named, or frames of one that broke off.
+    /// A shard is missing, which is named, or frames of an interrupted one.
     pub fn complete(mut self) -> Result<Self> {
         let missing: Vec<String> = Shard::missing(&self.parts)?
             .iter()
@@ -244,7 +244,7 @@ impl EvaluationReport {
         Ok(self)
     }
 
-    /// What was measured.
+    /// Returns the heading.
     pub fn heading(&self) -> &Heading {
         &self.heading
     }
@@ -252,7 +252,7 @@ impl EvaluationReport {
     /// Adds a frame with one draw of points.
     ///
     /// # Errors
-    /// It is there already, or has outcomes of other methods.
+    /// The frame exists already, or has results of other methods.
     pub fn add(&mut self, record: FrameRecord) -> Result<()> {
         if record.outcomes.len() != self.heading.methods.len() {
             return Err(Error::config(format!(
@@ -278,17 +278,16 @@ impl EvaluationReport {
         self.insert((record.frame, record.seed), scores)
     }
 
-    /// Notes a frame that could not be measured.
+    /// Records a frame that could not be measured.
     pub fn fail(&mut self, failure: Failure) {
         self.failures.push(failure);
         self.failures.sort_by(|a, b| a.frame.cmp(&b.frame));
     }
 
-    /// Joins a report on other frames. The result is the same, to the last bit, as if all frames
-    /// had been measured at once.
+    /// Joins a report on other frames. The result is identical, to the last bit, to measuring all frames at once.
     ///
     /// # Errors
-    /// Another heading, or a frame that both have.
+    /// The headings differ, or both reports have a frame in common.
     pub fn join(&mut self, other: Self) -> Result<()> {
         if let Some(difference) = self.heading.difference(&other.heading) {
             return Err(Error::config(format!(
@@ -320,22 +319,22 @@ impl EvaluationReport {
         Ok(())
     }
 
-    /// The frames measured, by name and seed.
+    /// Returns the measured frames, by name and seed.
     pub fn frames(&self) -> &BTreeMap<(String, u64), FrameScores> {
         &self.frames
     }
 
-    /// The frames that could not be measured, and why.
+    /// Returns the frames that could not be measured, with their errors.
     pub fn failures(&self) -> &[Failure] {
         &self.failures
     }
 
-    /// How well a method, by its place in the heading, predicted its errors, if it did.
+    /// Returns the uncertainty scores of a method, by its index in the heading, if it predicted standard deviations.
     pub fn uncertainty(&self, method: usize) -> Option<&UncertaintyScores> {
         self.sums.get(method)?.uncertainty.as_ref()
     }
 
-    /// The number of frames measured, each counted once.
+    /// Returns the number of measured frames, each counted once.
     pub fn count(&self) -> usize {
         let names: BTreeSet<&str> = self
             .frames
@@ -345,7 +344,7 @@ impl EvaluationReport {
         names.len()
     }
 
-    /// The places of the frames.
+    /// Returns the environments that occur among the frames.
     pub fn places(&self) -> Vec<Environment> {
         [Environment::Indoor, Environment::Outdoor]
             .into_iter()
@@ -353,12 +352,12 @@ impl EvaluationReport {
             .collect()
     }
 
-    /// Each method's average, over all frames or those of one place.
+    /// Returns each method's average, over all frames or those of one environment.
     pub fn means(&self, place: Option<Environment>) -> Vec<Mean<'_>> {
         self.means_where(|_, frame| place.is_none_or(|place| place == frame.place))
     }
 
-    /// Each method's average over the frames that count, by their names and scores.
+    /// Returns each method's average over the frames for which `counts`, given name and scores, is true.
     fn means_where(&self, counts: impl Fn(&str, &FrameScores) -> bool) -> Vec<Mean<'_>> {
         let of = |method: usize| -> Vec<Scores> {
             let mut by_seed = BTreeMap::<u64, ScoreAccumulator>::new();
@@ -385,7 +384,7 @@ impl EvaluationReport {
             .collect()
     }
 
-    /// The scores of a method on each frame, averaged over seeds.
+    /// Returns the scores of a method on each frame, averaged over seeds.
     fn by_frame(&self, method: usize) -> BTreeMap<&str, Scores> {
         let mut accumulators = BTreeMap::<&str, ScoreAccumulator>::new();
         for ((frame, _), scores) in &self.frames {
@@ -401,8 +400,8 @@ impl EvaluationReport {
             .collect()
     }
 
-    /// Every later method against the first: second minus first, paired by frame, each frame
-    /// averaged over seeds. `None` with fewer than two frames.
+    /// Compares every later method with the first: second minus first, paired by frame, each frame averaged over seeds. `None`
+    /// with fewer than two frames.
     pub fn differences(&self, metric: Metric) -> Vec<(&str, Option<PairedDifference>)> {
         if self.heading.methods.is_empty() {
             return Vec::new();
@@ -420,8 +419,8 @@ impl EvaluationReport {
             .collect()
     }
 
-    /// The frames in which the first method has its smallest, median and largest RMSE, by the
-    /// first seed: the best, an ordinary and the worst.
+    /// Returns the frames with the smallest, median and largest RMSE of the first method under the first seed, with their
+    /// roles.
     pub fn example_frames(&self) -> Vec<(&'static str, &str, u64)> {
         let Some(&seed) = self.heading.seeds.first() else {
             return Vec::new();

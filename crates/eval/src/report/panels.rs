@@ -11,50 +11,49 @@ use std::fmt::Write as _;
 /// Width of a panel.
 const PANEL: f64 = 216.0;
 const GAP: f64 = 10.0;
-/// Below a panel, for its caption.
+/// Height below a panel for its caption.
 const CAPTION: f64 = 20.0;
-/// Above all, for the title, and a line of scales.
+/// Heights above all panels: the title, and a line of scales.
 const TITLE: f64 = 28.0;
 const SCALES: f64 = 30.0;
 
-/// An image with what it shows.
+/// An image with its caption.
 #[derive(Clone, Debug)]
 pub struct Panel {
-    /// What it shows.
+    /// The caption.
     pub caption: String,
     /// The image.
     pub image: RgbImage,
 }
 
-/// What colours mean.
+/// A colour scale.
 #[derive(Clone, Debug)]
 pub struct ColourScale {
-    /// The quantity.
+    /// Name of the quantity.
     pub name: String,
-    /// The value of the first colour.
+    /// Value of the first colour.
     pub low: f32,
-    /// The value of the last.
+    /// Value of the last colour.
     pub high: f32,
-    /// Of both.
+    /// Unit of both values.
     pub unit: &'static str,
-    /// The colours.
+    /// The colour map.
     pub map: Gradient,
 }
 
 /// Rows of panels under one set of scales.
 #[derive(Clone, Debug)]
 pub struct Panels {
-    /// What they show.
+    /// Title above all panels.
     pub title: String,
-    /// What their colours mean.
+    /// Colour scales of the panels.
     pub scales: Vec<ColourScale>,
-    /// From top to bottom; panels of a row have the same height.
+    /// Rows from top to bottom; panels of a row have the same height.
     pub rows: Vec<Vec<Panel>>,
 }
 
 impl Panels {
-    /// A frame: its image, points and truth, then every prediction above its errors, in the same
-    /// colours.
+    /// Returns the panels of a frame: its image, points and truth, then every prediction above its errors, in the same colours.
     pub fn of_example(example: &ExampleFrame) -> Self {
         let (low, high) = example.truth.range().unwrap_or((0.0, 1.0));
         let max_error = error_scale(example);
@@ -68,7 +67,7 @@ impl Panels {
             inputs.insert(1, panel(points, points_on_image(example, low, high)));
         }
         let mut rows = vec![inputs];
-        // No more beside each other than a page is wide.
+        // Limit of panels that fit beside each other on a page.
         for chunk in example.predictions.chunks(5) {
             let depths = chunk.iter().map(|(name, rmse, depth)| {
                 panel(
@@ -107,7 +106,7 @@ impl Panels {
         }
     }
 
-    /// The panels as a picture.
+    /// Draws the panels.
     pub fn draw(&self) -> Drawing {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0).max(3);
         let mut body = format!(
@@ -145,7 +144,7 @@ impl Panels {
 }
 
 impl ColourScale {
-    /// Adds a bar of the colours, and its meaning.
+    /// Adds a colour bar with its labels.
     pub(super) fn draw(&self, body: &mut String, left: f64, top: f64) {
         const STEPS: u32 = 16;
         let Self {
@@ -155,7 +154,7 @@ impl ColourScale {
             unit,
             map,
         } = self;
-        // Equal ids on one page are of equal colours.
+        // Equal ids on one page have equal colours.
         let id = format!("colours-of-{}", name.replace(' ', "-"));
         let _ = write!(body, "<linearGradient id='{id}'>");
         for step in 0..=STEPS {
@@ -163,7 +162,7 @@ impl ColourScale {
             let colour = map.eval_continuous(share);
             let _ = write!(body, "<stop offset='{share}' stop-color='#{colour:x}'/>");
         }
-        // Three digits of small values.
+        // Small values are shown with three digits.
         let digits = (2.0 - high.abs().log10().floor()).clamp(2.0, 6.0) as usize;
         let _ = write!(
             body,

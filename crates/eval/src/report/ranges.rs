@@ -4,7 +4,7 @@ use super::{Column, EvaluationReport, Ranking, Row, Table};
 use crate::metrics::{DepthRangeErrors, ErrorCount, Metric, RANGE_STARTS, total};
 
 impl EvaluationReport {
-    /// What the tables by depth count; `None` if there are none.
+    /// Describes the counts of the tables by depth; `None` if there are no tables.
     pub(super) fn about_ranges(&self) -> Option<String> {
         let certain = self.by_depth().first()?.columns.len() > ALL;
         let certain_text = match self.heading.sigma_cut {
@@ -19,7 +19,7 @@ impl EvaluationReport {
         ))
     }
 
-    /// A table of all pixels and one for each range of true depth; none if all depths are of one range and no method
+    /// Returns a table of all pixels and one for each range of true depth; none if all depths are in one range and no method
     /// has standard deviations.
     pub fn by_depth(&self) -> Vec<Table> {
         let ranges: Vec<&DepthRangeErrors> = self.sums.iter().map(|sums| &sums.ranges).collect();
@@ -66,7 +66,7 @@ impl EvaluationReport {
     }
 }
 
-/// Columns that every method has.
+/// Number of columns that every method has.
 const ALL: usize = 5;
 
 fn columns(certain: bool) -> Vec<Column> {
@@ -87,7 +87,7 @@ fn columns(certain: bool) -> Vec<Column> {
     columns
 }
 
-/// The values of a row: NaN of no pixel is none.
+/// Returns the values of a row; values without pixels, which are NaN, are left out.
 fn values(all: ErrorCount, certain_counts: Option<ErrorCount>, certain: bool) -> Vec<Option<f64>> {
     let rates =
         |count: ErrorCount| [count.phantom_rate(), count.missed_rate()].map(|rate| 100.0 * rate);

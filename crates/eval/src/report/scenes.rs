@@ -4,15 +4,15 @@ use super::{Column, EvaluationReport, FrameScores, Ranking, Row, Table};
 use crate::metrics::Metric;
 use std::collections::BTreeMap;
 
-/// Text and page show no more scenes than this; files have all of them.
+/// Limit of scenes in text and on the page; files have all of them.
 const MOST: usize = 30;
 
-/// What the tables show.
+/// Metrics of the tables.
 const METRICS: [Metric; 3] = [Metric::Rmse, Metric::Mae, Metric::Rel];
 
 impl EvaluationReport {
-    /// The scenes with the number of their frames; none if there is only one, if each has a single frame, or if the scene
-    /// of a frame is unknown.
+    /// Returns the scenes with their numbers of frames; empty if there is only one scene, if each has a single frame, or if the
+    /// scene of a frame is unknown.
     pub fn scenes(&self) -> BTreeMap<&str, usize> {
         let mut scenes = BTreeMap::new();
         let mut last = None;
@@ -31,12 +31,12 @@ impl EvaluationReport {
         scenes
     }
 
-    /// Each method's average over the frames of a scene.
+    /// Returns each method's average over the frames of a scene.
     pub fn means_of_scene(&self, name: &str) -> Vec<super::Mean<'_>> {
         self.means_where(|frame, scores| scene(frame, scores) == Some(name))
     }
 
-    /// A table for each of some measures, of scenes by methods; none if there are too many scenes.
+    /// Returns a table of scenes by methods for each of some metrics; none if there are too many scenes.
     pub fn by_scene(&self) -> Vec<Table> {
         let scenes = self.scenes();
         if scenes.is_empty() || scenes.len() > MOST {
@@ -68,7 +68,7 @@ impl EvaluationReport {
     }
 }
 
-/// The scene that the dataset names, or the folder in the name of the frame.
+/// Returns the scene given by the dataset, or the folder in the name of the frame.
 fn scene<'a>(frame: &'a str, scores: &'a FrameScores) -> Option<&'a str> {
     let folder = frame.rsplit_once('/').map(|(folder, _)| folder);
     scores.scene.as_deref().or(folder)

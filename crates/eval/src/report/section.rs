@@ -1,4 +1,4 @@
-//! What an experiment found: words, tables and pictures, in files and on a page.
+//! The results of an experiment: text, tables and pictures, in files and on a page.
 
 use super::drawing::{Drawing, escaped};
 use super::html::{END, begin, failed, markup};
@@ -9,33 +9,33 @@ use serde::Serialize;
 use std::fmt::{Display, Formatter, Write as _};
 use std::path::Path;
 
-/// The outcome of an experiment.
+/// The results of an experiment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Section {
-    /// The name in files.
+    /// Name in files.
     pub name: &'static str,
-    /// The name for people.
+    /// Title for readers.
     pub title: &'static str,
-    /// How it was made.
+    /// Description of the experiment.
     pub about: Vec<String>,
-    /// What was found, in numbers.
+    /// Tables of results.
     pub tables: Vec<Table>,
-    /// What was found, in words.
+    /// Conclusions as text.
     pub findings: Vec<String>,
-    /// What to know of published numbers.
+    /// Remarks about published numbers.
     pub notes: Vec<String>,
-    /// What was found, in pictures.
+    /// Pictures of results.
     pub figures: Vec<Figure>,
-    /// What could not be measured and is left out of all this.
+    /// Frames that could not be measured and are excluded from the results.
     pub failures: Vec<Failure>,
 }
 
 /// A picture with a name.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
-    /// The name in files, after that of the experiment.
+    /// Name in files, after the name of the experiment.
     pub name: String,
-    /// What is seen.
+    /// Caption of the picture.
     pub caption: String,
     /// The picture.
     #[serde(skip)]
@@ -43,7 +43,7 @@ pub struct Figure {
 }
 
 impl Section {
-    /// An experiment of which nothing is known yet.
+    /// Creates an experiment without results.
     pub fn new(name: &'static str, title: &'static str) -> Self {
         Self {
             name,
@@ -61,7 +61,7 @@ impl Section {
         });
     }
 
-    /// Adds a table, and a sentence on where `ours` is not the best in it.
+    /// Adds a table, and a sentence that names the cells where `ours` is not the best.
     pub fn add_ranked_table(&mut self, table: Table, ours: &str) {
         self.findings.extend(table.ranking_summary(ours));
         self.tables.push(table);

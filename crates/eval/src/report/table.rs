@@ -1,4 +1,4 @@
-//! Tables of numbers: for people, as CSV, and on a page.
+//! Tables of numbers, as text, CSV and HTML.
 
 use super::drawing::escaped;
 use super::html::markup;
@@ -6,63 +6,63 @@ use crate::metrics::{Metric, Scores};
 use serde::Serialize;
 use std::fmt::{Display, Formatter, Write as _};
 
-/// Numbers with what they are.
+/// A table of numbers with names and units.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Table {
-    /// What it shows.
+    /// Title of the table.
     pub title: String,
-    /// The heading of the column of names.
+    /// Heading of the column of names.
     #[serde(rename = "rows_are")]
     pub row_header: String,
-    /// Which numbers compete.
+    /// Which numbers are ranked against each other.
     #[serde(rename = "contest")]
     pub ranking: Ranking,
-    /// The kinds of numbers.
+    /// Columns of numbers.
     pub columns: Vec<Column>,
-    /// The numbers.
+    /// Rows of numbers.
     pub rows: Vec<Row>,
 }
 
-/// Which numbers of a table compete.
+/// Which numbers of a table are ranked against each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Ranking {
-    /// The rows, in every column.
+    /// The rows, within every column.
     Rows,
-    /// The columns, in every row.
+    /// The columns, within every row.
     Columns,
     /// None.
     None,
 }
 
-/// A kind of numbers.
+/// A column of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Column {
-    /// The name.
+    /// Name of the column.
     pub label: String,
-    /// The unit; none for ratios.
+    /// Unit; empty for ratios.
     pub unit: &'static str,
-    /// Digits after the point.
+    /// Number of decimals.
     pub decimals: usize,
-    /// Whether more is better, or less.
+    /// Whether higher values are better.
     #[serde(rename = "rising")]
     pub higher_is_better: bool,
 }
 
-/// A line of a table.
+/// A row of a table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// The name.
+    /// Name of the row.
     pub label: String,
-    /// Whether it does not compete: somebody else reported it, or it was given more.
+    /// Whether it is not ranked, because it is a published result or had more input.
     #[serde(rename = "aside")]
     pub unranked: bool,
-    /// One for each column, in its unit; absent where there is none.
+    /// Values of the columns, in their units; `None` if missing.
     pub values: Vec<Option<f64>>,
 }
 
 impl Column {
-    /// Values of a measure.
+    /// Returns the column of a metric.
     pub fn of(metric: Metric) -> Self {
         Self {
             label: metric.label().to_owned(),
@@ -72,7 +72,7 @@ impl Column {
         }
     }
 
-    /// Values of a measure under another name.
+    /// Returns the column of a metric under another name.
     pub fn named(label: &str, metric: Metric) -> Self {
         Self {
             label: label.to_owned(),
@@ -80,7 +80,7 @@ impl Column {
         }
     }
 
-    /// The name with the unit.
+    /// Returns the name with the unit.
     pub(super) fn heading(&self) -> String {
         if self.unit.is_empty() {
             self.label.clone()
@@ -106,7 +106,7 @@ fn decimals(metric: Metric) -> usize {
 }
 
 impl Row {
-    /// The measures of a method.
+    /// Returns the row of a method.
     pub fn of(label: &str, scores: &Scores, metrics: &[Metric]) -> Self {
         Self {
             label: label.to_owned(),
@@ -116,7 +116,7 @@ impl Row {
     }
 }
 
-/// A measure in the unit of tables.
+/// Returns a metric in the unit of tables.
 pub(super) fn value(scores: &Scores, metric: Metric) -> f64 {
     if metric.is_share() {
         100.0 * scores[metric]
@@ -126,7 +126,7 @@ pub(super) fn value(scores: &Scores, metric: Metric) -> f64 {
 }
 
 impl Table {
-    /// Where `ours` is not the best of what was measured here, in words; if it is everywhere, that.
+    /// Summarises where `ours` is not the best of the ranked numbers, or states that it is the best everywhere.
     pub fn ranking_summary(&self, ours: &str) -> Option<String> {
         let mut worse = Vec::new();
         let mut best_count = 0;
@@ -138,7 +138,7 @@ impl Table {
             match self.best_other(row, column) {
                 Some((rival, best)) if self.better(column, best, value) => {
                     let [best, value] = [best, value].map(|v| self.columns[column].shown(Some(v)));
-                    // What looks equal is no difference to speak of.
+                    // Values that are shown equal count as equal.
                     if best == value {
                         best_count += 1;
                     } else {
@@ -169,7 +169,7 @@ impl Table {
         (0..self.rows.len()).flat_map(move |row| (0..columns).map(move |column| (row, column)))
     }
 
-    /// Whose number this is.
+    /// Returns the name of the competitor that a number belongs to.
     fn competitor(&self, row: usize, column: usize) -> &str {
         match self.ranking {
             Ranking::Columns => &self.columns[column].label,
@@ -177,7 +177,7 @@ impl Table {
         }
     }
 
-    /// What the number is of.
+    /// Returns the name of the quantity of a number.
     fn metric_or_row_label(&self, row: usize, column: usize) -> &str {
         match self.ranking {
             Ranking::Columns => &self.rows[row].label,
@@ -185,7 +185,7 @@ impl Table {
         }
     }
 
-    /// The best of the others that compete with a number.
+    /// Returns the best of the numbers ranked against a number.
     fn best_other(&self, row: usize, column: usize) -> Option<(&str, f64)> {
         let rivals: Vec<(usize, usize)> = match self.ranking {
             Ranking::None => return None,
@@ -208,7 +208,7 @@ impl Table {
         }
     }
 
-    /// Whether a number is the best of those that compete.
+    /// Returns whether a number is the best of the ranked ones.
     fn is_best(&self, row: usize, column: usize) -> bool {
         let Some(value) = self.rows[row].values[column].filter(|v| v.is_finite()) else {
             return false;
@@ -219,7 +219,7 @@ impl Table {
                 .is_some_and(|(_, best)| !self.better(column, best, value))
     }
 
-    /// The table as CSV, without its title.
+    /// Returns the table as CSV, without its title.
     pub fn csv(&self) -> String {
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
         let headings = self.columns.iter().map(|c| quoted(&c.heading()));
@@ -244,7 +244,7 @@ impl Table {
         lines.join("\n") + "\n"
     }
 
-    /// The table as HTML; the best numbers stand out, those aside stand back.
+    /// Returns the table as HTML; the best numbers are highlighted, unranked ones are greyed out.
     pub fn html(&self) -> String {
         let mut html = format!(
             "<h3>{}</h3><div class='scroll'><table><thead><tr><th>{}</th>",
@@ -296,7 +296,7 @@ impl Display for Table {
         for (r, row) in self.rows.iter().enumerate() {
             write!(f, "  {:<first$}", row.label)?;
             for (c, (column, width)) in self.columns.iter().zip(&widths).enumerate() {
-                // A star for the best.
+                // A star marks the best.
                 let mark = if self.is_best(r, c) { "*" } else { " " };
                 let width = width - 1;
                 write!(f, "  {:>width$}{mark}", column.shown(row.values[c]))?;

@@ -112,7 +112,7 @@ fn joined_shards_are_the_whole_bit_for_bit() {
     let missing = shards.clone().complete().unwrap_err().to_string();
     assert!(missing.contains("2-of-3"), "{missing}");
     let last = part(2, [6, 4, 2]);
-    // Through a file, as shards go.
+    // Through JSON, as shards are exchanged.
     let text = serde_json::to_string(&last.to_json()).unwrap();
     shards
         .join(EvaluationReport::from_json(&text).unwrap())
@@ -171,7 +171,7 @@ fn the_page_shows_everything_and_loads_nothing() {
         predictions: vec![("a".into(), 0.25, depth.clone()), ("b".into(), 0.5, depth)],
     };
     let page = report.to_html(&[example]);
-    // Image, points, truth, and two pictures for each method.
+    // Image, points, truth, and two pictures per method.
     assert_eq!(page.matches("data:image/png;base64,").count(), 7);
     for word in [
         "made up",
@@ -219,7 +219,7 @@ fn marks_of_plain_text_become_elements() {
 
 #[test]
 fn scenes_are_what_datasets_name_or_folders() {
-    // Two frames of the hall, and others of no known scene.
+    // Two frames of the hall, and others without a scene.
     assert!(report(0..4).scenes().is_empty());
     let mut known = EvaluationReport::new(heading());
     for i in 0..5 {
@@ -248,7 +248,7 @@ fn scenes_are_what_datasets_name_or_folders() {
     assert_eq!(again.scenes(), known.scenes());
 }
 
-/// A report of one frame with these numbers of pixels by depth, each with an error of 2 m and a hundredth of the depth.
+/// Returns a report of one frame with these numbers of pixels by depth, each with an error of 2 m and 1 % of the depth.
 fn counted(pixels: [u64; RANGE_STARTS.len()], certain: bool) -> EvaluationReport {
     let mut report = EvaluationReport::new(Heading {
         sigma_cut: certain.then_some(0.1),
@@ -280,7 +280,7 @@ fn errors_are_tabled_by_the_ranges_that_have_pixels() {
         "20 to 40 m, 100 pixels (25.0 %)",
     ];
     assert_eq!(titles, expected);
-    // RMSE, MAE, REL, phantom, missed; kept, and both rates of what is kept.
+    // RMSE, MAE, REL, phantom, missed; kept, and both rates of the kept pixels.
     let rounded = |row: &Row| -> Vec<Option<f64>> {
         let rounded = |v: f64| (v * 1e6).round() / 1e6;
         row.values.iter().map(|v| v.map(rounded)).collect()
@@ -292,7 +292,7 @@ fn errors_are_tabled_by_the_ranges_that_have_pixels() {
     let report = counted([300, 0, 100, 0, 0], true);
     let text = report.to_string();
     assert!(text.contains("at most 0.1 x the predicted depth"), "{text}");
-    // One range says no more than the means do.
+    // A single range repeats the means.
     assert!(counted([300, 0, 0, 0, 0], false).by_depth().is_empty());
     assert_eq!(counted([300, 0, 0, 0, 0], true).by_depth().len(), 1);
     assert!(!counted([9, 9, 0, 0, 0], false).to_string().contains("kept"));

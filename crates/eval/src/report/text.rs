@@ -1,11 +1,11 @@
-//! The tables for people.
+//! The report as text.
 
 use super::{EvaluationReport, Mean};
 use crate::data::Environment;
 use crate::metrics::{Metric, SLICES};
 use std::fmt::{Display, Formatter, Result};
 
-/// The measures of each table.
+/// Metrics of each table.
 pub(super) const TABLES: [&[Metric]; 2] = [
     &[
         Metric::Rmse,
@@ -28,7 +28,7 @@ pub(super) const TABLES: [&[Metric]; 2] = [
 ];
 
 impl EvaluationReport {
-    /// The lines above the tables: names and texts.
+    /// Returns the lines above the tables: names and texts.
     pub(super) fn preface(&self) -> Vec<(&'static str, String)> {
         let heading = &self.heading;
         let count = self.count();
@@ -60,7 +60,7 @@ impl EvaluationReport {
             .collect()
     }
 
-    /// How well methods predicted their errors, in words.
+    /// Describes the calibration of the predicted errors of each method.
     pub(super) fn predicted_errors(&self) -> Vec<String> {
         let pairs = self.heading.methods.iter().zip(&self.sums);
         pairs
@@ -85,7 +85,7 @@ impl EvaluationReport {
             .collect()
     }
 
-    /// The differences to the first method in words.
+    /// Describes the differences from the first method.
     pub(super) fn comparisons(&self) -> Vec<String> {
         let first = self.heading.methods.first().map_or("", String::as_str);
         self.differences(Metric::Rmse)
@@ -181,7 +181,7 @@ fn tables(f: &mut Formatter<'_>, means: &[Mean]) -> Result {
     Ok(())
 }
 
-/// A value with the digits that mean something.
+/// Formats a value with its significant digits.
 pub(super) fn formatted(metric: Metric, value: f64) -> String {
     if !value.is_finite() {
         "-".to_owned()

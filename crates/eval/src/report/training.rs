@@ -1,4 +1,4 @@
-//! How training went: one run, or several side by side.
+//! Training curves of one or several runs.
 
 use super::chart::{AxisScales, Chart, Line};
 use super::html::write_charts;
@@ -11,18 +11,18 @@ use std::path::Path;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Training(Vec<Run>);
 
-/// A run, as recorded in its `metrics.jsonl`.
+/// A run, read from its `metrics.jsonl`.
 #[derive(Clone, Debug, PartialEq)]
 struct Run {
     name: String,
     steps: usize,
-    /// Mean seconds of a step.
+    /// Mean time of a step, in seconds.
     seconds: f64,
-    /// Step and value, averaged over spans of steps: batches differ.
+    /// Step and loss, averaged over spans of steps to reduce the noise of batches.
     loss: Vec<(f64, f64)>,
-    /// The root of the mean squared error of the batches, in metres.
+    /// Step and root mean squared error of the batches, in metres.
     rmse: Vec<(f64, f64)>,
-    /// Step, RMSE in metres and REL on frames kept out of training.
+    /// Step, RMSE in metres and REL on held-out frames.
     held_out: Vec<(f64, f64, f64)>,
 }
 
@@ -41,23 +41,23 @@ struct HeldOut {
     rel: f64,
 }
 
-/// Of a curve: step and value.
+/// Points of a curve: step and value.
 type Points = Vec<(f64, f64)>;
 
-/// Points of a curve.
+/// Limit of points of a curve.
 const MAX_POINTS: usize = 60;
 
 impl Training {
     /// Reads `metrics.jsonl` of run folders.
     ///
     /// # Errors
-    /// A folder without it, lines of another form, or no step.
+    /// A folder has no such file, a line is malformed, or there is no step.
     pub fn read(folders: &[impl AsRef<Path>]) -> Result<Self> {
         let runs = folders.iter().map(|folder| Run::read(folder.as_ref()));
         Ok(Self(runs.collect::<Result<_>>()?))
     }
 
-    /// Of each run: step, RMSE in metres and REL on frames kept out of training.
+    /// Returns, for each run: step, RMSE in metres and REL on held-out frames.
     pub fn held_out(&self) -> Vec<Vec<(f64, f64, f64)>> {
         self.0.iter().map(|run| run.held_out.clone()).collect()
     }

@@ -1,10 +1,9 @@
-//! Corners of an image, as feature trackers find them.
+//! Image corners, as detected by feature trackers.
 
 use image::RgbImage;
 
-/// The pixels that are corners, the strongest first: local maxima of the smaller eigenvalue of the
-/// structure tensor (Shi and Tomasi 1994), Sobel gradients, summed over 3x3 pixels; borders are
-/// mirrored, as in OpenCV's `cornerMinEigenVal`.
+/// Returns the corner pixels, the strongest first: local maxima of the smaller eigenvalue of the structure tensor (Shi and
+/// Tomasi 1994), Sobel gradients, summed over 3x3 pixels; borders are mirrored, as in OpenCV's `cornerMinEigenVal`.
 pub(super) fn strongest(rgb: &RgbImage) -> Vec<(usize, usize)> {
     let (width, height) = (rgb.width() as usize, rgb.height() as usize);
     let response = smaller_eigenvalues(rgb);

@@ -1,4 +1,4 @@
-//! What is held out of a frame: it is scored, and never given.
+//! Held-out pixels of a frame: scored and never given.
 
 use crate::data::{DepthMap, Frame};
 use lsdc_files::error::{Error, Result};
@@ -7,23 +7,24 @@ use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// A law by which pixels of a frame are held out.
+/// A rule for holding out pixels of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum HoldOut {
-    /// All rings of a laser scanner whose numbers are no multiples of this, as if it had fewer.
+    /// All rings of a laser scanner whose numbers are not multiples of this, to imitate a scanner with fewer rings.
     Rings(i32),
-    /// This many square blocks around measured pixels, each as wide as an eighth of the shorter side of the image.
+    /// This many square blocks around measured pixels, each an eighth of the shorter side of the image wide.
     Clusters(usize),
     /// A rectangle of half the width and half the height of the image.
     Region,
 }
 
 impl HoldOut {
-    /// Whether each pixel of `frame` is held out under `seed`, row by row: the same on every machine, for every method.
+    /// Returns whether each pixel of `frame` is held out under `seed`, row by row; the same on every machine and for every
+    /// method.
     ///
     /// # Errors
-    /// A frame without rings, or one of whose measurements nothing or everything would be held out.
+    /// A frame without rings, or a frame of which no measurement or every measurement would be held out.
     pub fn mask(self, frame: &Frame, seed: u64) -> Result<Vec<bool>> {
         let mut rng = Rng::stream(seed, &["hold-out", &frame.id]);
         let mask = match self {
@@ -61,12 +62,12 @@ impl HoldOut {
                 ),
             );
         };
-        // A return of an unknown ring may be of any.
+        // A return with an unknown ring may belong to any ring, so it is held out.
         let is_given = |ring: &i32| *ring >= 0 && ring % step == 0;
         Ok(rings.iter().map(|ring| !is_given(ring)).collect())
     }
 
-    /// The pixels of square blocks around this many measured ones.
+    /// Returns the pixels of square blocks around this many measured pixels.
     pub(super) fn clusters(frame: &Frame, count: usize, rng: &mut Rng) -> Vec<bool> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
         let side = (width.min(height) / 8).max(1);
@@ -87,8 +88,8 @@ impl HoldOut {
         mask
     }
 
-    /// A scanner sees little of the upper half of an image: of several places, the first that holds a tenth of the
-    /// measurements or more.
+    /// Returns a random region. A scanner covers little of the upper half of an image, so the first of several random regions
+    /// that contains at least a tenth of the measurements is used.
     fn region(frame: &Frame, rng: &mut Rng) -> Vec<bool> {
         const TRIES: usize = 100;
         let depth = &frame.depth;
@@ -141,7 +142,7 @@ fn ordinal(number: i32) -> String {
 impl FromStr for HoldOut {
     type Err = Error;
 
-    /// `ring:K`, `clusters:N` or `region`.
+    /// Parses `ring:K`, `clusters:N` or `region`.
     fn from_str(text: &str) -> Result<Self> {
         let wrong = || {
             Error::config(format!("`{text}` does not say what to hold out"))
@@ -231,7 +232,7 @@ mod tests {
             let (first, last) = (pixels[0], pixels[pixels.len() - 1]);
             found.insert((first % 80, first / 80, last % 80, last / 80, pixels.len()));
         }
-        // Sides of 64 / 8 pixels, cut at the border of the image.
+        // Sides of 64 / 8 pixels, cut off at the border of the image.
         let blocks = [(0, 0, 3, 3, 16), (36, 28, 43, 35, 64), (74, 0, 79, 5, 36)];
         assert_eq!(found.into_iter().collect::<Vec<_>>(), blocks);
         assert_eq!(

@@ -1,4 +1,4 @@
-//! How frames are prepared for a measurement: sizes, valid depths, sparse points, noise, and what is held out.
+//! Preparation of frames for an evaluation: sizes, valid depths, sparse points, noise, and held-out pixels.
 
 mod corners;
 mod hold_out;

@@ -1,4 +1,4 @@
-//! Errors put into sparse depths on purpose.
+//! Simulated errors of sparse depths.
 
 use super::protocol::per_cent;
 use crate::data::{DepthMap, Point};
@@ -9,41 +9,39 @@ use std::f32::consts::TAU;
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// A law by which some of the points are wrong.
+/// A model of errors of the points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Noise {
-    /// This share of the points has uniform [0, `most`] metres added (Fang et al., section 4.4:
-    /// 300 of 1000 points, 1 m).
+    /// Adds uniform [0, `most`] metres to this share of the points (Fang et al., section 4.4: 300 of 1000 points, 1 m).
     Added {
         /// Share of the points.
         share: f32,
-        /// The most that is added, in metres.
+        /// Largest addition, in metres.
         most: f32,
     },
-    /// This share of the points has a depth drawn uniformly between the 10th and 90th percentile
-    /// of all points (OMNI-DC's `RobustDC`).
+    /// Replaces this share of the points by depths drawn uniformly between the 10th and 90th percentile of all points
+    /// (OMNI-DC's `RobustDC`).
     Outliers {
         /// Share of the points.
         share: f32,
     },
-    /// Each point is moved by `least` to `most` pixels in a random direction, as by a calibration that is off:
-    /// near edges, depths bleed across.
+    /// Moves each point by `least` to `most` pixels in a random direction, like a calibration error: near edges, depths bleed
+    /// across.
     Moved {
-        /// The shortest way, in pixels.
+        /// Shortest displacement, in pixels.
         least: f32,
-        /// The longest way, in pixels.
+        /// Longest displacement, in pixels.
         most: f32,
     },
-    /// The points in a rectangle that covers this share of the image are off by the same distance.
+    /// Adds the same distance to the points in a rectangle that covers this share of the image.
     Region {
         /// Share of the image.
         share: f32,
-        /// What is added, in metres.
+        /// Distance added, in metres.
         metres: f32,
     },
-    /// Each point has normal noise whose standard deviation is `factor` x depth x depth, as that of stereo
-    /// cameras.
+    /// Adds normal noise with a standard deviation of `factor` x depth x depth to each point, like the noise of stereo cameras.
     Stereo {
         /// Standard deviation at a depth of 1 m, in metres.
         factor: f32,
@@ -51,10 +49,10 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// Spoils the points of a frame: the same for every method.
+    /// Applies the noise to the points of a frame; the same for every method.
     ///
     /// # Errors
-    /// None for a map of depths.
+    /// None for a valid depth map.
     pub fn apply(self, sparse: &DepthMap, seed: u64, frame: &str) -> Result<DepthMap> {
         let mut rng = Rng::stream(seed, &["noise", frame]);
         let mut points: Vec<Point> = sparse.points().collect();
@@ -103,7 +101,7 @@ impl Noise {
                 }
             }
             Self::Stereo { factor } => {
-                /// What is left of a depth at least.
+                /// Smallest ratio of noisy and original depth.
                 const MIN_RATIO: f32 = 0.05;
                 for point in &mut points {
                     let change = factor * point.depth * point.depth * rng.normal();
@@ -115,7 +113,7 @@ impl Noise {
     }
 }
 
-/// This share of the points, drawn at random.
+/// Returns this share of the points, drawn at random.
 fn random_share<'a>(points: &'a mut [Point], share: f32, rng: &mut Rng) -> &'a mut [Point] {
     let count = (share * points.len() as f32).round() as usize;
     rng.choose(points, count);
@@ -155,8 +153,7 @@ impl Display for Noise {
 impl FromStr for Noise {
     type Err = Error;
 
-    /// `added:SHARE:METRES`, `outliers:SHARE`, `moved:PIXELS:PIXELS`, `region:SHARE:METRES` or
-    /// `stereo:METRES`.
+    /// Parses `added:SHARE:METRES`, `outliers:SHARE`, `moved:PIXELS:PIXELS`, `region:SHARE:METRES` or `stereo:METRES`.
     fn from_str(text: &str) -> Result<Self> {
         let wrong = || {
             Error::config(format!("`{text}` is no noise")).hint(
@@ -253,7 +250,7 @@ mod tests {
         };
         let region = spoiled("region:0.25:0.5");
         let changed: Vec<usize> = (0..20_000).filter(|&i| region.values()[i] != 4.0).collect();
-        // A half of either side.
+        // Half of the width and of the height.
         assert!((4900..5100).contains(&changed.len()), "{}", changed.len());
         assert!(changed.iter().all(|&i| region.values()[i] == 4.5));
         let columns = changed.iter().map(|i| i % 200);
@@ -276,7 +273,7 @@ mod tests {
             let points: Vec<Point> = moved.points().collect();
             assert_eq!((points.len(), points[0].depth), (1, 2.0));
             let [x, y] = [points[0].x, points[0].y].map(|v| v as f32 - 50.0);
-            // To whole pixels.
+            // Rounded to whole pixels.
             assert!((2.2..4.8).contains(&x.hypot(y)), "{x} {y}");
             directions.insert((x > 0.0, y > 0.0));
         }

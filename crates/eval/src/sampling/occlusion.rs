@@ -1,5 +1,5 @@
-//! Laser returns that were seen past a nearer surface: the scanner stands above or beside the camera, and so sees
-//! background that the camera does not.
+//! Removal of laser returns behind a nearer surface: the scanner is mounted above or beside the camera, so it sees background
+//! that is hidden from the camera.
 
 use crate::data::DepthMap;
 use crate::window;
@@ -7,21 +7,21 @@ use lsdc_files::error::Result;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 
-/// A return is left out where another one within a window around it is much nearer: farther than `ratio` x the nearest
-/// depth + `metres`. The window is counted in pixels of the image as stored.
+/// A filter that removes returns farther than `ratio` x the nearest depth + `metres`, within a window around it. The window is
+/// measured in pixels of the stored image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Occlusion {
     /// Factor on the nearest depth.
     pub ratio: f32,
-    /// Added to it, in metres.
+    /// Offset added to the product, in metres.
     pub metres: f32,
-    /// Columns of the window; odd.
+    /// Width of the window; odd.
     pub width: usize,
-    /// Rows of the window; odd. More than columns, because the rings of a scanner are farther apart than its returns
-    /// on a ring.
+    /// Height of the window; odd. Larger than the width, because the rings of a scanner are farther apart than the returns on a
+    /// ring.
     pub height: usize,
-    /// Whether the points that are given are filtered as well as the truth.
+    /// Whether given points are filtered as well as the truth.
     pub given: bool,
 }
 
@@ -38,10 +38,10 @@ impl Default for Occlusion {
 }
 
 impl Occlusion {
-    /// The returns that were not seen past a nearer one.
+    /// Returns the map without occluded returns.
     ///
     /// # Errors
-    /// None for a map of depths.
+    /// None for a valid depth map.
     pub fn without(&self, returns: &DepthMap) -> Result<DepthMap> {
         let (width, height) = (returns.width(), returns.height());
         let mut values = returns.values().to_vec();
@@ -93,12 +93,12 @@ mod tests {
             30,
             40,
             &[
-                // At most 1.1 x 10 + 0.3 = 11.3 m beside it.
+                // Limit beside it: 1.1 x 10 + 0.3 = 11.3 m.
                 at(25, 5, 10.0),
                 at(26, 5, 11.25),
                 at(25, 6, 11.35),
                 at(10, 20, 10.0),
-                // The corners of 7x11 pixels, and just outside of them.
+                // The corners of 7x11 pixels, and just outside.
                 at(7, 15, 30.0),
                 at(13, 25, 30.0),
                 at(6, 15, 30.0),

@@ -1,4 +1,4 @@
-//! Where sparse depths come from: sampling patterns over the valid pixels of a frame.
+//! Sampling patterns of sparse points over the valid pixels of a frame.
 
 use super::corners::strongest;
 use super::scanner::{BEAMS, returns};
@@ -11,45 +11,43 @@ use std::fmt::{Display, Formatter};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// A law that picks sparse points of a frame.
+/// A sampling pattern for sparse points of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "PatternConfig", into = "String")]
 pub enum Pattern {
-    /// Exactly this many pixels, uniform without replacement among the valid ones (NLSPN's law);
-    /// all of them if there are fewer.
+    /// Exactly this many pixels, uniform without replacement among the valid ones (as in NLSPN); all of them if there are
+    /// fewer.
     Exactly(usize),
-    /// Every valid pixel with the probability that makes this many expected (sparse-to-dense).
+    /// Every valid pixel, with the probability that gives this expected number (as in sparse-to-dense).
     Bernoulli(usize),
-    /// Every pixel with the probability that would make this many expected if all were valid
-    /// (CSPN).
+    /// Every pixel, with the probability that would give this expected number if all were valid (as in CSPN).
     BernoulliAll(usize),
-    /// The valid pixels of a square grid of this step, half a step from the upper left corner.
+    /// The valid pixels of a square grid with this step, offset by half a step from the upper left corner.
     Grid(usize),
-    /// The valid pixels of this many evenly spaced rows, as a laser scanner's.
+    /// The valid pixels of this many evenly spaced rows, like a laser scanner.
     Lines(usize),
-    /// The valid pixels at the strongest corners of the image (Shi and Tomasi 1994), as a visual
-    /// odometry's; seeds change nothing.
+    /// The valid pixels at the strongest corners of the image (Shi and Tomasi 1994), like visual odometry; the seed has no
+    /// effect.
     Corners(usize),
-    /// Exactly this many pixels, uniform among the valid ones of the left, right, upper or lower half, by chance.
+    /// Exactly this many pixels, uniform among the valid ones of a random half: left, right, upper or lower.
     Half(usize),
-    /// Exactly this many pixels, uniform among the valid ones in eight square blocks, which are those of
-    /// [`HoldOut::Clusters`].
+    /// Exactly this many pixels, uniform among the valid ones in eight square blocks, the blocks of [`HoldOut::Clusters`].
     Clusters(usize),
-    /// The returns of a spinning laser scanner of this many beams, 4 to 128, beside a camera with a horizontal field of
-    /// view of 80 degrees: the elevations of real scanners, azimuth steps of 0.2 degrees, lost returns, noise, and
-    /// background seen past edges.
+    /// The returns of a spinning laser scanner with this many beams, 4 to 128, beside a camera with a horizontal field of view
+    /// of 80 degrees: elevations of real scanners, azimuth steps of 0.2 degrees, lost returns, noise, and background seen past
+    /// edges.
     Scanner(usize),
-    /// The points that come with the dataset.
+    /// The points provided by the dataset.
     Given,
-    /// `FRAME.npy` or `FRAME.png` (millimetres) of this folder.
+    /// Points read from `FRAME.npy` or `FRAME.png` (millimetres) in this folder.
     Files(PathBuf),
 }
 
 impl Pattern {
-    /// Draws the points of `frame` under `seed`: the same on every machine, for every method.
+    /// Draws the points of `frame` under `seed`; the same on every machine and for every method.
     ///
     /// # Errors
-    /// Points that are not there, or do not have the frame's size.
+    /// Points that do not exist, or do not have the size of the frame.
     pub fn draw(&self, frame: &Frame, seed: u64) -> Result<DepthMap> {
         let depth = &frame.depth;
         let mut rng = Rng::stream(seed, &["pattern", &frame.id]);
@@ -115,17 +113,17 @@ impl Pattern {
     }
 }
 
-/// Blocks of `clusters:N`.
+/// Number of blocks of `clusters:N`.
 const CLUSTERS: usize = 8;
 
-/// This many of the points, drawn at random; all of them if there are fewer.
+/// Returns this many random points; all of them if there are fewer.
 fn chosen(mut points: Vec<Point>, count: usize, rng: &mut Rng) -> Vec<Point> {
     rng.choose(&mut points, count);
     points.truncate(count);
     points
 }
 
-/// Whether a point lies in one half of a frame.
+/// Returns a test whether a point lies in a random half of a frame.
 fn random_half(frame: &Frame, seed: u64) -> impl Fn(&Point) -> bool {
     let (height, width) = (frame.depth.height(), frame.depth.width());
     let side = Rng::stream(seed, &["half", &frame.id]).below(4);
@@ -183,7 +181,7 @@ impl Display for Pattern {
 impl FromStr for Pattern {
     type Err = Error;
 
-    /// `500`, or `LAW:N`, `given`, `files:DIR`.
+    /// Parses `500`, `LAW:N`, `given` or `files:DIR`.
     fn from_str(text: &str) -> Result<Self> {
         let wrong = || {
             Error::config(format!("`{text}` is no pattern of points")).hint(
@@ -231,7 +229,7 @@ impl From<Pattern> for String {
     }
 }
 
-/// A pattern in a configuration: text, or a number of points.
+/// A pattern in a configuration: text or a number of points.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum PatternConfig {
@@ -255,7 +253,7 @@ mod tests {
     use super::*;
     use image::RgbImage;
 
-    /// A ramp where every third pixel has no depth.
+    /// A ramp in which every third pixel has no depth.
     fn ramp(id: &str) -> Frame {
         let values = (0..1200).map(|i| if i % 3 == 0 { 0.0 } else { i as f32 });
         let depth = DepthMap::new(40, 30, values.collect()).unwrap();
@@ -293,7 +291,7 @@ mod tests {
                 .sum::<usize>() as f64
                 / 200.0
         };
-        // 200 draws of a binomial of 200 expected: the mean's deviation is below 0.9.
+        // 200 draws of a binomial with mean 200: the standard deviation of the mean is below 0.9.
         assert!((mean("bernoulli:200") - 200.0).abs() < 4.0);
         assert!((mean("bernoulli-all:200") - 200.0 * 2.0 / 3.0).abs() < 4.0);
     }
@@ -332,7 +330,7 @@ mod tests {
     fn clusters_are_blocks_and_scanners_read_valid_pixels_alone() {
         let frame = ramp("a");
         assert_eq!(draw("clusters:10", &frame, 0).count(), 10);
-        // Eight valid pixels, and at most two valid ones in each row of blocks of 3x3.
+        // Eight valid centres, and at most two valid pixels in each row of blocks of 3x3.
         for seed in 0..20 {
             let all = draw("clusters:5000", &frame, seed).count();
             assert!((8..=48).contains(&all), "{all}");

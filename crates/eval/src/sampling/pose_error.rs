@@ -1,4 +1,4 @@
-//! Errors of the camera poses that methods are given.
+//! Errors of the camera poses given to methods.
 
 use lsdc_core::Camera;
 use lsdc_files::error::{Error, Result};
@@ -7,25 +7,25 @@ use lsdc_rng::Rng;
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// How the poses that a method is given differ from the true ones.
+/// Error of the poses given to a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PoseError {
-    /// Not at all.
+    /// True poses.
     Exact,
-    /// Each camera is moved by this distance and turned by this angle about its own centre, in random directions that are
-    /// independent of those of other frames.
+    /// Each camera is shifted by this distance and rotated by this angle about its centre, in random directions independent of
+    /// other frames.
     Off {
-        /// Metres.
+        /// Distance in metres.
         distance: f64,
-        /// Degrees.
+        /// Angle in degrees.
         angle: f64,
     },
-    /// Each frame has the pose of another one, at random.
+    /// Each frame gets the pose of another random frame.
     Shuffled,
 }
 
 impl PoseError {
-    /// The cameras with their errors; the same under a seed on every machine.
+    /// Returns the cameras with errors; a seed gives the same result on every machine.
     pub fn apply(self, cameras: &[Camera], seed: u64) -> Vec<Camera> {
         let mut rng = Rng::stream(seed, &["pose error"]);
         match self {
@@ -36,7 +36,7 @@ impl PoseError {
                 .collect(),
             Self::Shuffled => {
                 let mut order: Vec<usize> = (0..cameras.len()).collect();
-                // Sattolo's cycle: no frame keeps its own pose.
+                // Sattolo's algorithm: no frame keeps its own pose.
                 for i in (1..order.len()).rev() {
                     order.swap(i, rng.below(i as u32) as usize);
                 }
@@ -52,7 +52,7 @@ impl PoseError {
     }
 }
 
-/// The camera moved and turned about its own centre, in random directions.
+/// Shifts a camera, and rotates it about its centre, in random directions.
 fn moved(camera: &Camera, distance: f64, angle: f64, rng: &mut Rng) -> Camera {
     let (rotation, translation) = camera.pose();
     let shift = direction(rng).map(|v| v * distance);
@@ -62,12 +62,12 @@ fn moved(camera: &Camera, distance: f64, angle: f64, rng: &mut Rng) -> Camera {
     let times = |vector: [f64; 3]| turn.map(|row| dot(row, vector));
     let columns = [0, 1, 2].map(|j| times(rotation.map(|row| row[j])));
     let turned = [0, 1, 2].map(|i| columns.map(|column| column[i]));
-    // In the axes of the camera, a shift of the centre moves points the other way.
+    // In camera coordinates, a shift of the centre moves points the opposite way.
     let moved = [0, 1, 2].map(|i| translation[i] - shift[i]);
     camera.clone().with_pose(turned, times(moved))
 }
 
-/// A unit vector, uniform on the sphere.
+/// Returns a random unit vector, uniform on the sphere.
 fn direction(rng: &mut Rng) -> [f64; 3] {
     loop {
         let vector = [(); 3].map(|()| f64::from(rng.normal()));
@@ -95,7 +95,7 @@ impl Display for PoseError {
 impl FromStr for PoseError {
     type Err = Error;
 
-    /// `exact`, `off:METRES:DEGREES` or `shuffled`.
+    /// Parses `exact`, `off:METRES:DEGREES` or `shuffled`.
     fn from_str(text: &str) -> Result<Self> {
         let number = |text: &str| {
             text.parse()
@@ -136,7 +136,7 @@ mod tests {
     }
 
     fn center(camera: &Camera) -> [f64; 3] {
-        // What lies at the depth 0.
+        // The point at depth 0.
         camera.unproject([0.0, 0.0], 0.0).unwrap()
     }
 

@@ -6,24 +6,24 @@ use super::resize::Interpolation;
 use super::{Pattern, Protocol, Size};
 use lsdc_files::error::{Error, Result};
 
-/// A published protocol and the points that it gives.
+/// A published protocol with its pattern of points.
 #[derive(Clone, Debug)]
 pub struct ProtocolPreset {
-    /// The name on the command line.
+    /// Name on the command line.
     pub name: &'static str,
-    /// Which frames, sizes and depths.
+    /// Sizes and valid depths.
     pub protocol: Protocol,
-    /// Which points.
+    /// Pattern of sparse points.
     pub points: Pattern,
-    /// Whose it is.
+    /// Publication of the protocol.
     pub source: &'static str,
 }
 
 impl ProtocolPreset {
-    /// The preset of this name.
+    /// Returns the preset with this name.
     ///
     /// # Errors
-    /// There is none.
+    /// There is no such preset.
     pub fn named(name: &str) -> Result<Self> {
         let all = Self::all();
         let names = all.iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
@@ -32,7 +32,7 @@ impl ProtocolPreset {
         })
     }
 
-    /// All presets.
+    /// Returns all presets.
     pub fn all() -> Vec<Self> {
         let size = |height, width| Some(Size { height, width });
         let nyu = Protocol::nyu();

@@ -1,4 +1,4 @@
-//! How a frame is brought to the size at which it is measured, and which depths count.
+//! Protocols: the size at which a frame is evaluated, and its valid depths.
 
 use super::Size;
 use super::occlusion::Occlusion;
@@ -9,63 +9,61 @@ use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 
-/// Which part of a frame a crop keeps.
+/// Part of a frame kept by a crop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Anchor {
     /// The centre.
     #[default]
     Centre,
-    /// The centre of the lowest rows: a laser scanner does not see the sky.
+    /// The bottom centre: a laser scanner does not see the sky.
     Bottom,
 }
 
-/// A true depth does not count where a neighbour of its 3x3 pixels differs by more than this share
-/// of it.
+/// Largest depth jumps: a true depth is invalid if a depth among its 3x3 neighbours differs by more than this share of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Jumps {
-    /// In rooms.
+    /// For indoor frames.
     pub indoor: f32,
-    /// Under the sky.
+    /// For outdoor frames.
     pub outdoor: f32,
 }
 
-/// The steps, in their order. A step that is not named is not taken.
+/// Steps of a protocol, in order. Steps that are absent are skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Protocol {
-    /// Leave out the depths that the dataset declares invalid.
+    /// Remove the depths that the dataset marks invalid.
     pub mask: bool,
-    /// Leave out depths outside this range, in metres.
+    /// Remove depths outside this range, in metres.
     pub range: Option<[f32; 2]>,
-    /// Leave out what a laser scanner above the camera saw past a nearer surface; of frames with [sparse](Frame::is_sparse)
-    /// depths.
+    /// Remove returns behind a nearer surface, which a laser scanner above the camera sees; only for frames with
+    /// [sparse](Frame::is_sparse) depths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub occlusion: Option<Occlusion>,
-    /// Leave out depths beside a jump.
+    /// Remove depths beside a jump.
     pub jumps: Option<Jumps>,
-    /// Cut this out of the centre.
+    /// Crop to this size at the centre.
     pub cut: Option<Size>,
-    /// Resize to this.
+    /// Resize to this size.
     pub resize: Option<Size>,
-    /// Where neither `resize` nor `crop` is given: resize to about this many pixels, in the shape of each frame; in
-    /// training, in that of the first.
+    /// If neither `resize` nor `crop` is given: resize to about this many pixels, with the aspect ratio of each frame; in
+    /// training, with that of the first frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixels: Option<usize>,
-    /// How colours are resized.
+    /// Resampling of colours.
     pub rgb_resize: Interpolation,
-    /// How depths are resized.
+    /// Resampling of depths.
     pub depth_resize: Interpolation,
-    /// Cut this out of what was resized.
+    /// Crop to this size after resizing.
     pub crop: Option<Size>,
-    /// Which part `crop` keeps.
+    /// Part kept by `crop`.
     pub anchor: Anchor,
 }
 
 impl Protocol {
-    /// NYU Depth v2 as evaluated since sparse-to-dense (Ma and Karaman 2018): half size, then the
-    /// centre 228x304.
+    /// Returns the protocol of NYU Depth v2 since sparse-to-dense (Ma and Karaman 2018): half size, then the centre 228x304.
     pub fn nyu() -> Self {
         Self {
             resize: Some(Size {
@@ -83,7 +81,7 @@ impl Protocol {
     /// Checks every setting.
     ///
     /// # Errors
-    /// `pixels` of 0, or beside a size that replaces it.
+    /// `pixels` is 0, or conflicts with another size.
     pub fn check(&self) -> Result<()> {
         if self.pixels == Some(0) {
             let what = "`protocol.pixels` must be above 0";
@@ -96,7 +94,7 @@ impl Protocol {
         Ok(())
     }
 
-    /// Brings a frame to the protocol's size.
+    /// Applies the protocol to a frame.
     ///
     /// # Errors
     /// A crop is larger than the frame.
@@ -111,7 +109,7 @@ impl Protocol {
         }
     }
 
-    /// All steps but the last crop.
+    /// Applies all steps except the last crop.
     ///
     /// # Errors
     /// A cut is larger than the frame.
@@ -148,13 +146,13 @@ impl Protocol {
         Ok(frame)
     }
 
-    /// What a frame of this size is resized to, if it is.
+    /// Returns the size after resizing a frame of this size; `None` if it is not resized.
     fn resized(&self, size: Size) -> Option<Size> {
         let pixels = self.pixels.filter(|_| self.crop.is_none());
         self.resize.or_else(|| Some(size.with_pixels(pixels?)))
     }
 
-    /// The same protocol, by which all frames become as large as this one.
+    /// Returns the protocol that resizes all frames to the size of this one.
     #[must_use]
     pub fn sized_as(&self, frame: &Frame) -> Self {
         Self {
@@ -164,7 +162,7 @@ impl Protocol {
         }
     }
 
-    /// What remains to be done with frames that were scaled: the last crop.
+    /// Returns the remaining step for scaled frames: the last crop.
     #[must_use]
     pub fn after_scaling(&self) -> Self {
         Self {
@@ -174,16 +172,16 @@ impl Protocol {
         }
     }
 
-    /// The last crop's upper left pixel in a frame.
+    /// Returns the upper left pixel of the last crop in a frame.
     ///
     /// # Errors
-    /// A frame that is smaller than the crop.
+    /// The frame is smaller than the crop.
     pub fn corner(&self, frame: &Frame) -> Result<(usize, usize)> {
         let size = self.crop.unwrap_or(Size::of(&frame.depth));
         corner(frame, size, self.anchor)
     }
 
-    /// The true depths that count.
+    /// Returns the valid true depths.
     fn valid(&self, frame: &Frame) -> Result<DepthMap> {
         let mut values = frame.depth.values().to_vec();
         if let (true, Some(mask)) = (self.mask, &frame.mask) {
@@ -233,7 +231,7 @@ fn without_jumps(depth: &DepthMap, max_jump: f32) -> Result<DepthMap> {
     Ok(DepthMap::new(width, height, values)?)
 }
 
-/// The upper left pixel of a crop.
+/// Returns the upper left pixel of a crop.
 fn corner(frame: &Frame, size: Size, anchor: Anchor) -> Result<(usize, usize)> {
     let whole = Size::of(&frame.depth);
     if size.height > whole.height || size.width > whole.width {
@@ -242,7 +240,7 @@ fn corner(frame: &Frame, size: Size, anchor: Anchor) -> Result<(usize, usize)> {
             frame.id
         )));
     }
-    // Rounded half to even, as torchvision's CenterCrop.
+    // Rounded half to even, as in torchvision's CenterCrop.
     let half = |room: usize| (room as f64 / 2.0).round_ties_even() as usize;
     let top = match anchor {
         Anchor::Centre => half(whole.height - size.height),
@@ -270,11 +268,11 @@ fn cropped(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Fra
         rgb: image::imageops::crop_imm(&frame.rgb, x, y, width, height).to_image(),
         depth: part(&frame.depth)?,
         sparse: frame.sparse.as_ref().map(part).transpose()?,
-        // Applied already.
+        // Already applied.
         mask: None,
         rings,
         place: frame.place,
-        // Teachers see what was cut out.
+        // Teachers see the uncropped frame.
         target: None,
     })
 }
@@ -329,7 +327,7 @@ impl Display for Protocol {
     }
 }
 
-/// A share in per cent, without the digits that f32 makes up.
+/// Returns a share in per cent, without the rounding errors of f32.
 pub(super) fn per_cent(share: f32) -> f64 {
     (f64::from(share) * 1e4).round() / 100.0
 }
@@ -405,7 +403,7 @@ mod tests {
             }),
             ..Protocol::default()
         };
-        // Of 9 and 5 m the nearer one stays, of 2 and 4 m too.
+        // Of 9 and 5 m the nearer return is kept, as of 2 and 4 m.
         let small = half.apply(&scan).unwrap();
         assert_eq!(small.depth.values(), [5.0, 2.0]);
         assert_eq!(small.sparse.unwrap().values(), [5.0, 2.0]);
@@ -502,7 +500,7 @@ mod tests {
             protocol.apply(&frame).unwrap().depth.count()
         };
         assert_eq!(count(vec![2.0, 2.0, 9.0]), 3);
-        // At fewer than half of the pixels they are returns: 9 m is seen past 2 m.
+        // Depths at fewer than half of the pixels count as returns: 9 m is seen past 2 m.
         assert_eq!(count(vec![2.0, 0.0, 9.0, 0.0, 0.0]), 1);
     }
 

@@ -1,4 +1,4 @@
-//! Resizing as named libraries do it.
+//! Resizing identical to that of other libraries.
 
 use super::Size;
 use crate::data::DepthMap;
@@ -9,29 +9,29 @@ use image::RgbImage;
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// A way to resize, by the library that does it so.
+/// A resampling method, named by the library that implements it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interpolation {
-    /// PIL's `BILINEAR`, which takes in every pixel when it shrinks (antialiased): torchvision's
-    /// `Resize` on images. Mixes depths at edges.
+    /// PIL's `BILINEAR`, which averages over all pixels when it shrinks (antialiased), as torchvision's `Resize` does for
+    /// images. Mixes depths at edges.
     #[default]
     #[serde(alias = "bilinear")]
     PilBilinear,
     /// PIL's `NEAREST`: the source pixel under the centre. Keeps measured values.
     PilNearest,
-    /// OpenCV's `INTER_LINEAR`, which looks at four pixels only.
+    /// OpenCV's `INTER_LINEAR`, which interpolates between four pixels only.
     CvBilinear,
     /// OpenCV's `INTER_NEAREST`: the source pixel at floor(i x scale). Keeps measured values.
     #[serde(alias = "nearest")]
     CvNearest,
-    /// PIL's `NEAREST`, but where the pixel under the centre has no measurement, the measured one nearest to the centre
-    /// among those that the result covers: single returns are not lost. Keeps measured values.
+    /// PIL's `NEAREST`, except that if the pixel under the centre has no measurement, the measured pixel nearest to the centre
+    /// is used, among those covered by the result: isolated returns are not lost. Keeps measured values.
     NearestMeasured,
 }
 
 impl Interpolation {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 5] = [
         Self::PilBilinear,
         Self::PilNearest,
@@ -40,7 +40,7 @@ impl Interpolation {
         Self::NearestMeasured,
     ];
 
-    /// The name in configs and on the command line.
+    /// Returns the name in configs and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::PilBilinear => "pil-bilinear",
@@ -62,15 +62,15 @@ impl Interpolation {
     }
 }
 
-/// Weighted means of pixels, or the choice of one.
+/// The kind of a method: weighted means, or selection of a pixel.
 enum Algorithm {
     Filter(ResizeAlg),
-    /// From the lengths of source and result to the source index of every result pixel.
+    /// Maps the lengths of source and result to the source index of every result pixel.
     Nearest(fn(usize, usize) -> Vec<usize>),
     NearestMeasured,
 }
 
-/// PIL steps from half a source pixel on by repeated addition, and rounds down.
+/// Returns the source indices of PIL: repeated addition from half a source pixel on, rounded down.
 fn pil_sources(from: usize, to: usize) -> Vec<usize> {
     let step = from as f64 / to as f64;
     std::iter::successors(Some(step * 0.5), |x| Some(x + step))
@@ -86,8 +86,8 @@ fn cv_sources(from: usize, to: usize) -> Vec<usize> {
         .collect()
 }
 
-/// The source pixels that each result pixel may take, ascending, with their squared distances from its centre in source
-/// pixels: the one under its centre, and those whose centres it covers.
+/// Returns the candidate source pixels of each result pixel, ascending, with their squared distances from its centre in source
+/// pixels: the one under its centre, and those with centres inside it.
 fn covered_sources(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
     let of = |i: usize| -> Vec<(usize, f64)> {
         // Positions are multiples of 1 / (2 to) source pixels.
@@ -109,7 +109,7 @@ fn nearest_measured(depth: &DepthMap, from: Size, to: Size) -> Vec<f32> {
         for &(y, down) in rows {
             for &(x, across) in columns {
                 let here = depth.at(x, y);
-                // Of two as near, the later one, as PIL.
+                // On a tie, the later pixel is used, as in PIL.
                 if here > 0.0 && down + across <= least {
                     (least, found) = (down + across, here);
                 }
@@ -145,7 +145,7 @@ pub fn resize_rgb(rgb: &RgbImage, size: Size, interpolation: Interpolation) -> R
             RgbImage::from_raw(size.width as u32, size.height as u32, bytes)
                 .ok_or_else(|| Error::shape("resized image has the wrong size"))
         }
-        // Every colour is measured.
+        // All colours are measured.
         Algorithm::NearestMeasured => resize_rgb(rgb, size, Interpolation::PilNearest),
         Algorithm::Nearest(sources) => {
             let columns = sources(from.width, size.width);
@@ -159,8 +159,8 @@ pub fn resize_rgb(rgb: &RgbImage, size: Size, interpolation: Interpolation) -> R
     }
 }
 
-/// Resizes depths. Where a pixel that takes part in a weighted mean has no measurement the result
-/// has none, so that no depth is mixed with a hole.
+/// Resizes depths. If a pixel with a nonzero weight has no measurement, the result has none, so that depths are not mixed with
+/// holes.
 ///
 /// # Errors
 /// A size of 0.
@@ -210,8 +210,8 @@ fn filter_depth(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) ->
     Ok(values)
 }
 
-/// Moves sparse depths to another size: each point to the pixel that holds its centre, where the
-/// nearer one wins.
+/// Moves sparse depths to another size: each point to the pixel that contains its centre. Of several, the nearest point is
+/// kept.
 ///
 /// # Errors
 /// A size of 0.
@@ -222,7 +222,7 @@ pub fn move_points(sparse: &DepthMap, size: Size) -> Result<DepthMap> {
     Ok(DepthMap::new(size.width, size.height, values.collect())?)
 }
 
-/// The pixel from which each pixel of another size gets its point, as [`move_points`] moves them; row by row.
+/// Returns the source pixel of the point in each pixel of another size, as moved by [`move_points`], row by row.
 ///
 /// # Errors
 /// A size of 0.
@@ -264,7 +264,7 @@ fn convolve<P: PixelTrait>(
     let mut target =
         TypedImage::from_pixels_slice(width, height, &mut resized).map_err(|e| resize_error(&e))?;
     let options = ResizeOptions::new().resize_alg(algorithm);
-    // Not `resize`, which is compiled for every type of pixel.
+    // Not `resize`, which is compiled for every pixel type.
     Resizer::new()
         .resize_typed(&source, &mut target, &options)
         .map_err(|e| resize_error(&e))?;
@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn no_measurement_is_lost_where_there_is_a_single_one() {
-        // A dense map is resized as by PIL, whatever the sizes.
+        // A dense map is resized as by PIL at all sizes.
         let dense = DepthMap::new(7, 6, (1..=42).map(|v| v as f32).collect()).unwrap();
         for to in [size(3, 3), size(4, 5), size(6, 7), size(13, 9), size(1, 1)] {
             let resized = |interpolation| resize_depth(&dense, to, interpolation).unwrap();
@@ -327,15 +327,15 @@ mod tests {
             );
             assert_eq!(ours, pil, "{to}");
         }
-        // Of 6x6 pixels in blocks of 3x3: one return in a corner; two, of which the one beside the centre is nearer
-        // to it than that in the corner; the centre itself, and a nearer surface beside it; nothing.
+        // 6x6 pixels in blocks of 3x3: one return in a corner; two returns, the one beside the centre nearer to it than the one
+        // in the corner; the centre itself, and a nearer surface beside it; no return.
         let mut values = vec![0.0; 36];
         (values[0], values[6 + 5], values[5]) = (9.0, 7.0, 2.0);
         (values[4 * 6 + 1], values[4 * 6]) = (8.0, 1.0);
         let sparse = DepthMap::new(6, 6, values).unwrap();
         let third = resize_depth(&sparse, size(2, 2), Interpolation::NearestMeasured).unwrap();
         assert_eq!(third.values(), [9.0, 7.0, 8.0, 0.0]);
-        // All returns that are far apart stay; of these PIL keeps 4.
+        // All isolated returns are kept; PIL keeps 4 of them.
         let mut values = vec![0.0; 35 * 24];
         for i in (3..35 * 24).step_by(31) {
             values[i] = 1.0 + i as f32;

@@ -1,4 +1,4 @@
-//! The returns of a spinning laser scanner beside the camera.
+//! Simulated returns of a spinning laser scanner beside the camera.
 
 use super::Size;
 use crate::data::{DepthMap, Frame, Point};
@@ -6,38 +6,39 @@ use image::{Pixel as _, Rgb};
 use lsdc_rng::Rng;
 use std::ops::RangeInclusive;
 
-/// Numbers of beams of a scanner.
+/// Range of beam counts of a scanner.
 pub const BEAMS: RangeInclusive<usize> = 4..=128;
 
 /// Horizontal field of view of the camera in degrees, assumed because frames have no intrinsics; the rectified images
 /// of KITTI have 81. Pixels are square, and the optical axis meets the centre of the image.
 const CAMERA: f64 = 80.0;
-/// Degrees from one return of a beam to the next: Velodyne's VLP-16 at ten turns a second.
+/// Azimuth step between returns of a beam, in degrees: Velodyne's VLP-16 at ten turns a second.
 const AZIMUTH_STEP: f64 = 0.2;
-/// No pixel is farther to the side, in degrees, whatever the pitch.
+/// Largest azimuth in degrees: beyond all pixels, for every pitch.
 const SIDE: f64 = 45.0;
-/// Largest pitch of the scanner relative to the camera, in degrees either way; drawn for each frame.
+/// Largest pitch of the scanner relative to the camera, in degrees in either direction; drawn for each frame.
 const PITCH: f32 = 5.0;
-/// Standard deviation of a range as a share of it, near 3 cm at 10 m: chosen, not measured, as are the constants below.
+/// Standard deviation of a range as a fraction of the range, about 3 cm at 10 m. This and the constants below are chosen, not
+/// measured.
 const NOISE: f32 = 0.003;
-/// Probability that a return of a white pixel is lost.
+/// Probability that a return from a white pixel is lost.
 const LOST_ON_WHITE: f32 = 0.05;
-/// The same of a black pixel.
+/// Probability that a return from a black pixel is lost.
 const LOST_ON_BLACK: f32 = 0.5;
-/// Largest distance between what scanner and camera see past an edge, as a share of the image's width; drawn for each
-/// frame. The scanner is above the camera.
+/// Largest parallax between scanner and camera past an edge, as a fraction of the image width; drawn for each frame. The
+/// scanner is above the camera.
 const PARALLAX: f32 = 0.02;
-/// A surface that is farther than this times the nearer one is seen past its edge.
+/// Smallest ratio of the depths on both sides of an edge.
 const FARTHER: f32 = 1.1;
-/// Past an edge, inverse depth is below that of the plane before it by more than this share of the edge's.
+/// Smallest break at an edge: inverse depth beyond it is below that of the extrapolated plane by this fraction of the edge's.
 const BREAK: f32 = 0.05;
-/// Share of the returns beside an edge that see past it: near the edge, the scanner sees both surfaces.
+/// Share of the returns beside an edge that come from beyond it: near an edge, the scanner sees both surfaces.
 const SEEN_PAST: f32 = 0.5;
 
-/// The returns of a scanner with this many beams, at most one in a pixel and none where the depth is unknown.
+/// Simulates the returns of a scanner with this many beams, at most one per pixel and none where the depth is unknown.
 ///
-/// Beams have the elevations of a real scanner ([`banks`]). A few returns are lost, more on dark pixels; ranges have
-/// noise, and some returns have the depth of the background beside their pixel.
+/// Beams have the elevations of a real scanner ([`banks`]). A few returns are lost, more on dark pixels. Ranges have noise, and
+/// some returns have the depth of the background beside their pixel.
 pub(super) fn returns(frame: &Frame, beams: usize, rng: &mut Rng) -> Vec<Point> {
     let depth = &frame.depth;
     let size = Size::of(depth);
@@ -60,8 +61,8 @@ pub(super) fn returns(frame: &Frame, beams: usize, rng: &mut Rng) -> Vec<Point> 
     found.collect()
 }
 
-/// The pixels (column, row) that beams hit, each once, from the highest beam down. Azimuths begin after the share
-/// `phase` of a step; the pitch is in degrees, up.
+/// Returns the pixels (column, row) hit by beams, each once, from the highest beam down. Azimuths start after the fraction
+/// `phase` of a step; the pitch is in degrees, upwards.
 fn hits(beams: usize, pitch: f64, phase: f64, size: Size) -> Vec<(usize, usize)> {
     let Size { height, width } = size;
     let focal_length = width as f64 / 2.0 / (CAMERA / 2.0).to_radians().tan();
@@ -92,7 +93,7 @@ fn hits(beams: usize, pitch: f64, phase: f64, size: Size) -> Vec<(usize, usize)>
     hits
 }
 
-/// The elevation of each beam in degrees, from the highest down: evenly spaced in each bank.
+/// Returns the elevation of each beam in degrees, from the highest down, evenly spaced in each bank.
 fn elevations(beams: usize) -> Vec<f64> {
     let banks = banks(beams);
     let before = |bank: usize| bank * beams / banks.len();
@@ -104,8 +105,8 @@ fn elevations(beams: usize) -> Vec<f64> {
     banks.iter().enumerate().flat_map(of_bank).collect()
 }
 
-/// Highest and lowest nominal elevation in each bank of beams in degrees, which all have as many, of the smallest of
-/// five scanners that has so many beams.
+/// Returns the highest and lowest nominal elevation of each bank of beams in degrees, for the smallest of five scanners with at
+/// least this many beams. All banks have the same number of beams.
 fn banks(beams: usize) -> &'static [[f64; 2]] {
     match beams {
         // Quanergy M8, by its client library; its steps are 2.8 to 3.2 degrees.
@@ -121,14 +122,14 @@ fn banks(beams: usize) -> &'static [[f64; 2]] {
     }
 }
 
-/// Probability that a return of this colour is lost.
+/// Returns the probability that a return from this colour is lost.
 fn lost(colour: Rgb<u8>) -> f32 {
     let [luma] = colour.to_luma().0;
     let darkness = 1.0 - f32::from(luma) / 255.0;
     LOST_ON_WHITE + (LOST_ON_BLACK - LOST_ON_WHITE) * darkness.powi(4)
 }
 
-/// The depth this many pixels to the right and down of a known one, if there is an edge between them.
+/// Returns the depth at an offset from a pixel with known depth, if there is an edge between them.
 fn past_edge(depth: &DepthMap, (x, y): (usize, usize), [right, down]: [isize; 2]) -> Option<f32> {
     let known = |right: isize, down: isize| {
         let x = x.checked_add_signed(right).filter(|x| *x < depth.width())?;
@@ -137,7 +138,7 @@ fn past_edge(depth: &DepthMap, (x, y): (usize, usize), [right, down]: [isize; 2]
     };
     let (here, beyond) = (depth.at(x, y), known(right, down)?);
     let opposite = known(-right, -down)?;
-    // Inverse depth is linear on planes: slanted ground has no edges.
+    // Inverse depth is linear on planes, so that slanted ground has no edges.
     let of_plane = 2.0 / here - 1.0 / opposite;
     let is_edge = beyond > FARTHER * here && 1.0 / beyond < of_plane - BREAK / here;
     is_edge.then_some(beyond)
@@ -153,7 +154,7 @@ mod tests {
         width: 160,
     };
 
-    /// 10 m away and parallel to the image.
+    /// A wall 10 m away and parallel to the image.
     fn wall(level: u8) -> Frame {
         let rgb = RgbImage::from_pixel(160, 120, Rgb([level; 3]));
         let depth = DepthMap::new(160, 120, vec![10.0; 160 * 120]).unwrap();
@@ -172,13 +173,13 @@ mod tests {
     fn beams_have_the_elevations_of_their_scanners() {
         let sixteen: Vec<f64> = (0..16).map(|beam| 15.0 - 2.0 * beam as f64).collect();
         assert_eq!(elevations(16), sixteen);
-        // Thirds of a degree in the upper block of the HDL-64E, halves in the lower one.
+        // Steps of 1/3 degree in the upper block of the HDL-64E, 1/2 degree in the lower one.
         let found = elevations(64);
         let expected = [(0, 2.0), (1, 1.667), (31, -8.33), (32, -8.83), (33, -9.33)];
         for (beam, elevation) in expected.into_iter().chain([(63, -24.33)]) {
             assert!((found[beam] - elevation).abs() < 1e-3, "{beam}");
         }
-        // 21.45 degrees by seven steps.
+        // 21.45 degrees in seven steps.
         for (beam, elevation) in elevations(8).into_iter().enumerate() {
             let expected = 3.2 - 3.064_286 * beam as f64;
             assert!((elevation - expected).abs() < 1e-5, "{beam}");
@@ -245,13 +246,13 @@ mod tests {
                     assert!((point.depth - 10.0).abs() < 0.3, "{point:?}");
                 } else if point.depth > 5.0 {
                     past += 1;
-                    // At most 3.2 pixels to the side and 6.4 up.
+                    // At most 3.2 pixels sideways and 6.4 up.
                     let beside = !(104..216).contains(&point.x) || point.y < 67;
                     assert!(beside, "{point:?}");
                 }
             }
         }
-        // Half of 3.2 x 120 + 1.6 x 120 pixels on average, of some 50,000.
+        // Half of 3.2 x 120 + 1.6 x 120 pixels on average, out of about 50,000.
         let share = f64::from(past) / all as f64;
         assert!((0.002..0.02).contains(&share), "{share}");
     }
@@ -268,7 +269,7 @@ mod tests {
         assert_eq!(past([2.0, 2.0, 2.3], -1), None);
         // A plane: inverse depths of 0.75, 0.5 and 0.25.
         assert_eq!(past([4.0 / 3.0, 2.0, 4.0], 1), None);
-        // A wall that begins behind a slope: 0.75, 0.5 and 0.1.
+        // A wall beyond a slope: 0.75, 0.5 and 0.1.
         assert_eq!(past([4.0 / 3.0, 2.0, 10.0], 1), Some(10.0));
         assert_eq!(past([0.0, 2.0, 10.0], 1), None);
         assert_eq!(past([2.0, 2.0, 0.0], 1), None);
@@ -277,7 +278,7 @@ mod tests {
 
     #[test]
     fn ground_is_seen_where_it_is() {
-        // Six rows up, it is up to thirteen times as far; 1.1 times in row 185.
+        // Six rows up, the ground is up to thirteen times as far; 1.1 times in row 185.
         let ground = |_: usize, y: usize| -> f32 {
             if y < 120 {
                 0.0

@@ -4,17 +4,17 @@ use crate::data::DepthMap;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 
-/// Rows and columns.
+/// Size in rows and columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Size {
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
 }
 
 impl Size {
-    /// The size of a map.
+    /// Returns the size of a map.
     pub fn of(map: &DepthMap) -> Self {
         Self {
             height: map.height(),
@@ -22,7 +22,7 @@ impl Size {
         }
     }
 
-    /// The same shape with about this many pixels, as images are resized before they enter the network.
+    /// Returns the size with the same aspect ratio and about this many pixels, as images are resized for the network.
     #[must_use]
     pub fn with_pixels(self, pixels: usize) -> Self {
         let scale = (pixels as f64 / (self.width as f64 * self.height as f64)).sqrt();

@@ -1,26 +1,26 @@
-//! What methods are given of a frame, and what they are scored on.
+//! Completion tasks: the given points of a frame, and the depths to score.
 
 use super::{HoldOut, Noise, Pattern};
 use crate::data::{DepthMap, Frame};
 use lsdc_files::error::{Error, Result};
 
-/// The points of a frame and the depths to be found, as large as the frame.
+/// The points of a frame and the depths to predict, as large as the frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompletionTask {
-    /// What is given.
+    /// Sparse depths given to methods.
     pub sparse: DepthMap,
-    /// What is scored.
+    /// True depths to score.
     pub truth: DepthMap,
 }
 
 impl CompletionTask {
-    /// Draws the points of a frame that the protocol has brought to its size: the same under a seed on every machine.
+    /// Draws the points of a frame that the protocol was applied to; a seed gives the same points on every machine.
     ///
-    /// What is held out is scored and never given. If nothing is held out, all true depths are scored: those that are
-    /// given as well, but not of laser scans, whose points are drawn from all returns.
+    /// Held-out pixels are scored and never given. If none are held out, all true depths are scored, including given ones; for
+    /// laser scans, whose points are drawn from all returns, given points are not scored.
     ///
     /// # Errors
-    /// As [`Pattern::draw`] and [`HoldOut::mask`], or nothing is left to be scored.
+    /// The errors of [`Pattern::draw`] and [`HoldOut::mask`], or no depth is left to score.
     pub fn draw(
         frame: &Frame,
         points: &Pattern,
@@ -43,7 +43,7 @@ impl CompletionTask {
                     sparse,
                     ..frame.clone()
                 };
-                // Again, because points may come from files.
+                // Repeated, because points may come from files.
                 remaining(&points.draw(&candidates, seed)?)?
             }
         };
@@ -67,7 +67,7 @@ impl CompletionTask {
     }
 }
 
-/// The depths at the pixels that count.
+/// Returns the map with only the depths at selected pixels.
 fn masked(map: &DepthMap, counts: impl Fn(usize) -> bool) -> Result<DepthMap> {
     let values = map.values().iter().enumerate();
     let values = values.map(|(pixel, depth)| if counts(pixel) { *depth } else { 0.0 });
@@ -80,7 +80,7 @@ mod tests {
     use crate::sampling::ProtocolPreset;
     use image::RgbImage;
 
-    /// Ten returns in a row on rings 0 to 9, the last but one seen past the last.
+    /// Ten returns in a row on rings 0 to 9; the last but one is behind the last.
     fn scan() -> Frame {
         let mut values: Vec<f32> = (0..10).map(|i| 5.0 + 0.1 * i as f32).collect();
         values[8] = 20.0;
@@ -109,7 +109,7 @@ mod tests {
             let task = task(&frame.unwrap(), "given", Some("ring:4")).unwrap();
             (columns(&task.sparse), columns(&task.truth))
         };
-        // A car's points have the return past a surface, which is never scored.
+        // A scanner's points include the return behind a surface, which is never scored.
         assert_eq!(of("scans"), (vec![0, 4, 8], vec![1, 2, 3, 5, 6, 7, 9]));
         assert_eq!(
             of("scans-filtered"),

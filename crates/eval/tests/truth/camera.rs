@@ -1,4 +1,4 @@
-//! Cameras by their equations: where a point appears, and the ray of a pixel.
+//! Camera models by their equations: the projection of a point, and the ray of a pixel.
 
 use crate::vector::{Rotation, Vector, along};
 
@@ -11,28 +11,28 @@ pub(crate) enum Lens {
     Fisheye([f64; 4]),
 }
 
-/// A camera in a world whose z points up. Pixels count from the centre of the first.
+/// A camera in a world with z up. Pixel coordinates are relative to the centre of the first pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Camera {
     pub(crate) size: (usize, usize),
     pub(crate) focal: [f64; 2],
     pub(crate) center: [f64; 2],
     pub(crate) lens: Lens,
-    /// From the axes of the world to x right, y down, z forwards.
+    /// Rotation from the axes of the world to x right, y down, z forwards.
     pub(crate) rotation: Rotation,
     pub(crate) position: Vector,
 }
 
-/// Where a camera sees a point.
+/// The projection of a point into a camera.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sight {
     pub(crate) place: [f64; 2],
-    /// Along the optical axis.
+    /// Depth along the optical axis.
     pub(crate) depth: f64,
 }
 
 impl Camera {
-    /// Looks along the world's y.
+    /// Creates a camera that looks along the world's y axis.
     pub(crate) fn level(size: (usize, usize), focal: f64, position: Vector) -> Self {
         Self {
             size,
@@ -44,7 +44,7 @@ impl Camera {
         }
     }
 
-    /// Turned to its right, downwards, and clockwise, in degrees.
+    /// Rotates the camera to its right, downwards, and clockwise, in degrees.
     pub(crate) fn turned(self, right: f64, down: f64, clockwise: f64) -> Self {
         let rotation = self
             .rotation
@@ -54,8 +54,8 @@ impl Camera {
         Self { rotation, ..self }
     }
 
-    /// One of each lens, at poses of their own, with principal points off the centre. Beyond 48
-    /// degrees the second one's equations fold back into the image; the third sees 150 degrees.
+    /// Returns one camera of each lens, at different poses, with principal points off the centre. Beyond 48 degrees the
+    /// equations of the second one fold back into the image; the third sees 150 degrees.
     pub(crate) fn each() -> [(&'static str, Self); 3] {
         let size = (320, 240);
         let pinhole = Self {
@@ -82,7 +82,7 @@ impl Camera {
         ]
     }
 
-    /// Where a point of the world appears, in the image or beside it, if it lies before the camera.
+    /// Projects a point of the world that is in front of the camera, inside or outside the image.
     pub(crate) fn see(&self, point: Vector) -> Option<Sight> {
         let [x, y, depth] = self.rotation.apply(along(point, -1.0, self.position));
         if depth <= 0.0 {
@@ -95,7 +95,7 @@ impl Camera {
         })
     }
 
-    /// Where a point of the world appears in the image.
+    /// Projects a point of the world; `None` outside the image.
     pub(crate) fn see_inside(&self, point: Vector) -> Option<Sight> {
         let (width, height) = self.size;
         let within = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
@@ -103,14 +103,14 @@ impl Camera {
         self.see(point).filter(inside)
     }
 
-    /// The ray of a place in the image, as long as its depth is 1.
+    /// Returns the ray of a position in the image, scaled to a depth of 1.
     pub(crate) fn ray(&self, place: [f64; 2]) -> Vector {
         let bent = [0, 1].map(|axis| (place[axis] - self.center[axis]) / self.focal[axis]);
         let [x, y] = self.lens.straighten(bent);
         self.rotation.inverse().apply([x, y, 1.0])
     }
 
-    /// The rows of the matrix from the world to the camera.
+    /// Returns the rows of the matrix from the world to the camera.
     pub(crate) fn world_to_camera(&self) -> [[f64; 4]; 3] {
         let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let [a, b, c] = columns.map(|axis| self.rotation.apply(axis));
@@ -118,14 +118,14 @@ impl Camera {
         [0, 1, 2].map(|row| [a[row], b[row], c[row], t[row]])
     }
 
-    /// Where the camera sees the origin of the world.
+    /// Returns the origin of the world in camera coordinates.
     pub(crate) fn translation(&self) -> Vector {
         self.rotation.apply(self.position).map(|v| -v)
     }
 }
 
 impl Lens {
-    /// Where the ray through (x, y, 1) appears, in focal lengths; nowhere if the equations fold.
+    /// Projects the ray through (x, y, 1), in focal lengths; `None` where the equations fold back.
     fn bend(self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let square = x * x + y * y;
         match self {
@@ -143,7 +143,7 @@ impl Lens {
         }
     }
 
-    /// The ray that appears there, by Newton's method on the equations' own derivatives.
+    /// Returns the ray of a projection, by Newton's method with the derivatives of the equations.
     fn straighten(self, [a, b]: [f64; 2]) -> [f64; 2] {
         const ROUNDS: usize = 50;
         match self {
@@ -188,7 +188,7 @@ fn radtan([k1, k2, p1, p2]: [f64; 4], [x, y]: [f64; 2]) -> [f64; 2] {
     ]
 }
 
-/// The square of the radius at which r (1 + k1 r^2 + k2 r^4) stops to rise.
+/// Returns the squared radius at which r (1 + k1 r^2 + k2 r^4) stops increasing.
 fn fold([k1, k2, ..]: [f64; 4]) -> f64 {
     let (a, b) = (5.0 * k2, 3.0 * k1);
     let root = (b * b - 4.0 * a).sqrt();
@@ -197,7 +197,7 @@ fn fold([k1, k2, ..]: [f64; 4]) -> f64 {
     ends.into_iter().fold(f64::INFINITY, first)
 }
 
-/// How far from the centre an angle appears, and how fast that rises.
+/// Returns the distance of an angle from the centre, and its derivative.
 fn fisheye(k: [f64; 4], angle: f64) -> (f64, f64) {
     let mut sums = (angle, 1.0);
     for (k, power) in k.into_iter().zip([3, 5, 7, 9]) {
@@ -232,7 +232,7 @@ fn cameras_look_where_they_are_turned() {
     let found = [sight.place[0], sight.place[1], sight.depth];
     let off = along(found, -1.0, expected);
     assert!(off.iter().all(|v| v.abs() < 1e-9), "{found:?}");
-    // What lies ahead goes to the left, then up; what lies to the right goes up.
+    // Points ahead move left, then up; points to the right move up.
     let ahead = [1.0, 4.0, 3.0];
     let place = |right, down, clockwise, point| {
         let camera = camera.turned(right, down, clockwise);
@@ -250,13 +250,13 @@ fn what_the_equations_fold_back_is_not_seen() {
     let Lens::Radtan(k) = camera.lens else {
         unreachable!()
     };
-    // 60 degrees to the right, which the equations place left of the right edge.
+    // 60 degrees to the right, which the equations project left of the right edge.
     let tangent = 3.0_f64.sqrt();
     let column = camera.focal[0] * radtan(k, [tangent, 0.0])[0] + camera.center[0];
     assert!((camera.center[0]..319.0).contains(&column), "{column}");
     let ray = camera.rotation.inverse().apply([tangent, 0.0, 1.0]);
     assert!(camera.see(along(camera.position, 1.0, ray)).is_none());
-    // Before the fold, all that the image shows is seen.
+    // Inside the fold, everything in the image is visible.
     for corner in [[0.0, 0.0], [319.0, 0.0], [0.0, 239.0], [319.0, 239.0]] {
         let point = along(camera.position, 1.0, camera.ray(corner));
         assert!(camera.see_inside(point).is_some(), "{corner:?}");

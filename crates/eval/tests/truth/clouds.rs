@@ -1,4 +1,4 @@
-//! Clouds through every lens.
+//! Point clouds projected through every lens.
 
 use crate::camera::{Camera, Sight};
 use crate::files::{CLOUDS, write_camera, write_cloud};
@@ -8,7 +8,7 @@ use crate::spread;
 use crate::vector::{Vector, along};
 use lsdc_eval::data::{self, Sparse};
 
-/// Points at places between pixels.
+/// Returns points of the scene at positions between pixels.
 fn visible(scene: &Scene, camera: &Camera, count: usize) -> Vec<Vector> {
     let (width, height) = camera.size;
     let place = |i| {
@@ -18,7 +18,7 @@ fn visible(scene: &Scene, camera: &Camera, count: usize) -> Vec<Vector> {
     (0..count).map(|i| scene.point(camera, place(i))).collect()
 }
 
-/// What lies in all directions around a camera but not in its image.
+/// Returns points in all directions around a camera, outside its image.
 fn around(scene: &Scene, camera: &Camera, directions: usize) -> Vec<Vector> {
     let point = |i| {
         let [a, b] = spread(i);
@@ -59,7 +59,7 @@ fn clouds_are_where_each_camera_sees_them() {
                 (beside.len(), 1),
                 "{name}, {form}"
             );
-            // All are visible; at inner edges some are taken for hidden.
+            // All points are visible; at inner edges some are misjudged as hidden.
             assert!(
                 sparse.hidden * 50 < inside.len(),
                 "{name}, {form}: {}",
@@ -85,7 +85,7 @@ fn pixels_and_points_are_each_others() {
             let off = along(back, -1.0, point);
             assert!(off.iter().all(|v| v.abs() < 1e-6), "{name}: {off:?} m");
         }
-        // Folded back, some of these would be in the image.
+        // Folded back, some of these would be inside the image.
         for point in around(&scene, &camera, 500) {
             let seen = read.project(point).map(|(place, _)| place);
             let inside = |length: usize, v: f64| (-0.5..length as f64 - 0.5).contains(&v);

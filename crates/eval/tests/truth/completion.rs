@@ -1,4 +1,4 @@
-//! Completed depths, of which errors are known exactly.
+//! Completed depths with exactly known errors.
 
 use crate::camera::Camera;
 use crate::files::{write_camera, write_cloud};
@@ -10,10 +10,10 @@ use lsdc_core::{Completer, Weights};
 use lsdc_eval::data::{self, DepthMap, Sparse};
 use lsdc_eval::predict::{Classic, complete_classic};
 
-/// How far a plane may be off on average, in metres.
+/// Largest mean error of a plane, in metres.
 pub(crate) const BIAS: f64 = 2e-4;
 
-/// What the smooth field alone makes of depths under an image of one colour.
+/// Completes depths with the smooth field alone, under an image of one colour.
 pub(crate) fn smooth(sparse: &Sparse) -> DepthMap {
     let weights = Weights::builtin();
     let fit = FitConfig {
@@ -27,17 +27,17 @@ pub(crate) fn smooth(sparse: &Sparse) -> DepthMap {
     scene.complete(&sparse.points).unwrap().depth().unwrap()
 }
 
-/// The mean error of a map in metres.
+/// Returns the mean error of a map in metres.
 pub(crate) fn bias(depth: &DepthMap, scene: &Scene, camera: &Camera) -> f64 {
     mean(errors(depth, scene, camera))
 }
 
-/// The root of the mean squared error of a map in metres.
+/// Returns the root of the mean squared error of a map in metres.
 fn rmse(depth: &DepthMap, scene: &Scene, camera: &Camera) -> f64 {
     mean(errors(depth, scene, camera).map(|error| error * error)).sqrt()
 }
 
-/// Of all pixels, each of which must have a depth.
+/// Returns the errors of all pixels, which must all have a depth.
 fn errors(depth: &DepthMap, scene: &Scene, camera: &Camera) -> impl ExactSizeIterator<Item = f64> {
     assert_eq!((depth.width(), depth.height()), camera.size);
     let width = depth.width();

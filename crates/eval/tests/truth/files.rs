@@ -1,4 +1,4 @@
-//! Files as other programs write them.
+//! Files in the formats of other programs.
 
 use crate::camera::{Camera, Lens, Sight};
 use crate::vector::Vector;
@@ -7,7 +7,7 @@ use image::{ImageEncoder as _, RgbImage};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// The forms of a cloud.
+/// Formats of a cloud.
 pub(crate) const CLOUDS: [&str; 4] = ["ply", "xyz", "csv", "npy"];
 
 /// Writes a cloud as `cloud.<form>`.
@@ -84,8 +84,7 @@ pub(crate) fn write_camera(folder: &Path, camera: &Camera) -> PathBuf {
     path
 }
 
-/// Writes a model of COLMAP of one image, `photo.png`, which sees these points. COLMAP has the
-/// centre of the first pixel at 0.5.
+/// Writes a COLMAP model with one image, `photo.png`, which sees these points. COLMAP has the centre of the first pixel at 0.5.
 pub(crate) fn write_model(folder: &Path, camera: &Camera, points: &[Vector]) -> PathBuf {
     let model = folder.join("model");
     std::fs::create_dir_all(&model).unwrap();
@@ -117,7 +116,7 @@ pub(crate) fn write_model(folder: &Path, camera: &Camera, points: &[Vector]) -> 
     model
 }
 
-/// Writes a PNG whose EXIF record says an orientation and nothing else.
+/// Writes a PNG whose EXIF record has only an orientation.
 pub(crate) fn write_photo(folder: &Path, image: &RgbImage, orientation: u8) -> PathBuf {
     let path = folder.join("photo.png");
     let head = [b'I', b'I', 42, 0, 8, 0, 0, 0, 1, 0];

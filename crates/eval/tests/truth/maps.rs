@@ -1,4 +1,4 @@
-//! Maps of fewer pixels than the image.
+//! Depth maps with fewer pixels than the image.
 
 use crate::camera::{Camera, Sight};
 use crate::completion::{BIAS, bias, smooth};
@@ -8,10 +8,10 @@ use crate::scene::Scene;
 use lsdc_eval::data::Sparse;
 use std::path::Path;
 
-/// All factors divide it.
+/// Divisible by all factors.
 const SIZE: (usize, usize) = (240, 120);
 
-/// A map of the depths at the centres of its pixels, and what was read of it.
+/// Writes a map of the depths at its pixel centres, and returns the observations read back and the true ones.
 fn read(folder: &Path, scene: &Scene, camera: &Camera, factor: usize) -> (Sparse, Vec<Sight>) {
     let (width, height) = (camera.size.0 / factor, camera.size.1 / factor);
     let centre = |i: usize| (i as f64 + 0.5) * factor as f64 - 0.5;
@@ -38,8 +38,7 @@ fn pixels_of_smaller_maps_are_at_their_centres() {
     }
 }
 
-/// Half a pixel beside their places, as maps at even factors once were, depths would be off by
-/// millimetres.
+/// With positions off by half a pixel, a former bug of maps at even factors, depths would be off by millimetres.
 #[test]
 fn smaller_maps_do_not_shift_a_slanted_plane() {
     const SIZE: (usize, usize) = (480, 240);

@@ -1,14 +1,14 @@
-//! Observations against where the points are.
+//! Observations against the true points.
 
 use crate::camera::Sight;
 use lsdc_eval::data::Sparse;
 
-/// How far a place may be off, in pixels, and a depth, as a share of it.
+/// Tolerances of a position, in pixels, and of a depth, relative to it.
 pub(crate) const PLACE: f64 = 0.01;
 pub(crate) const DEPTH: f64 = 1e-5;
 
-/// Which of the points, in the order of their file, were observed. Every observation must be at the
-/// place and depth of one of them.
+/// Returns which points, in the order of their file, were observed. Every observation must match the position and depth of a
+/// point.
 pub(crate) fn observed(sparse: &Sparse, truth: &[Sight]) -> Vec<bool> {
     let mut stayed = vec![false; truth.len()];
     let mut next = 0;
@@ -32,7 +32,7 @@ pub(crate) fn observed(sparse: &Sparse, truth: &[Sight]) -> Vec<bool> {
     stayed
 }
 
-/// That every point was observed.
+/// Asserts that every point was observed.
 pub(crate) fn assert_all(sparse: &Sparse, truth: &[Sight], what: &str) {
     let stayed = observed(sparse, truth);
     assert!(stayed.iter().all(|&stayed| stayed), "{what}: {sparse:?}");

@@ -1,4 +1,4 @@
-//! What a scanner beside the camera sees behind things that the camera sees.
+//! Points behind objects, seen by a scanner beside the camera but hidden from the camera.
 
 use crate::camera::{Camera, Lens, Sight};
 use crate::files::{write_camera, write_cloud};
@@ -21,7 +21,7 @@ fn scene() -> Scene {
     ])
 }
 
-/// A turning scanner of so many rings within 51 degrees, whose points are four times as dense along them.
+/// Returns the points of a rotating scanner with rings over 51 degrees; points are four times as dense along a ring.
 fn scanned(scene: &Scene, scanner: Vector, rings: usize) -> Vec<Vector> {
     let step = 51.2 / rings as f64;
     let direction = |ring: usize, column: usize| {
@@ -47,7 +47,7 @@ fn a_wall_behind_a_box_is_hidden_from_a_camera_beside_the_scanner() {
         lens: Lens::Fisheye([0.02, -0.004, 0.001, -0.0002]),
         ..level(280.0)
     };
-    // The share of occluded points that may stay: the sparser the rings, the more there are.
+    // Largest share of occluded points kept: the fewer rings, the more.
     for (name, camera, rings, most) in [
         ("pinhole", level(520.0), 64, 0.08),
         ("pinhole", level(520.0), 48, 0.16),

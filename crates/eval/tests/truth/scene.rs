@@ -1,4 +1,4 @@
-//! Scenes whose surfaces are met by rays in closed form.
+//! Scenes with closed-form intersections of rays and surfaces.
 
 use crate::camera::Camera;
 use crate::vector::{Vector, along, dot};
@@ -6,13 +6,13 @@ use image::{Rgb, RgbImage};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Surface {
-    /// Walls, floor and ceiling, seen from within.
+    /// Walls, floor and ceiling, seen from inside.
     Room { low: Vector, high: Vector },
     /// A box, seen from outside.
     Block { low: Vector, high: Vector },
     /// A sphere, seen from outside.
     Ball { center: Vector, radius: f64 },
-    /// An endless plane.
+    /// An infinite plane.
     Plane { point: Vector, normal: Vector },
 }
 
@@ -20,9 +20,9 @@ pub(crate) enum Surface {
 pub(crate) struct Scene(pub(crate) Vec<Surface>);
 
 impl Surface {
-    /// How many lengths of the ray it is to the surface.
+    /// Returns the distance to the surface in multiples of the length of the ray.
     fn distance(self, from: Vector, ray: Vector) -> Option<f64> {
-        // Where the ray enters and leaves the space between each pair of planes.
+        // Where the ray enters and leaves the slab between each pair of planes.
         let slabs = |low: Vector, high: Vector| {
             let mut span = (f64::NEG_INFINITY, f64::INFINITY);
             for axis in 0..3 {
@@ -55,8 +55,8 @@ impl Surface {
 }
 
 impl Scene {
-    /// A room of 6 x 7 x 2.6 m with a box and a sphere. It lies at negative y, so that no rows x, y,
-    /// z of its points can be pixels and depths.
+    /// A room of 6 x 7 x 2.6 m with a box and a sphere. It has negative y, so that rows x, y, z of its points are never valid
+    /// pixels and depths.
     pub(crate) fn room() -> Self {
         Self(vec![
             Surface::Room {
@@ -74,7 +74,7 @@ impl Scene {
         ])
     }
 
-    /// A plane that falls back to the right and downwards as a level camera at the origin sees it.
+    /// A plane that recedes to the right and downwards, as seen by a level camera at the origin.
     pub(crate) fn slanted() -> Self {
         Self(vec![Surface::Plane {
             point: [0.0, 2.0, 0.0],
@@ -87,22 +87,22 @@ impl Scene {
         hits.min_by(f64::total_cmp)
     }
 
-    /// Where a ray first meets a surface.
+    /// Returns the first intersection of a ray with a surface.
     pub(crate) fn meets(&self, from: Vector, ray: Vector) -> Option<Vector> {
         Some(along(from, self.distance(from, ray)?, ray))
     }
 
-    /// What a place of the image shows.
+    /// Returns the point shown at a position of the image.
     pub(crate) fn point(&self, camera: &Camera, place: [f64; 2]) -> Vector {
         self.meets(camera.position, camera.ray(place)).unwrap()
     }
 
-    /// The depth along the optical axis at a place of the image.
+    /// Returns the depth along the optical axis at a position of the image.
     pub(crate) fn depth(&self, camera: &Camera, place: [f64; 2]) -> f64 {
         self.distance(camera.position, camera.ray(place)).unwrap()
     }
 
-    /// Whether nothing lies between the camera and a point of a surface.
+    /// Returns whether a point of a surface is not occluded from the camera.
     pub(crate) fn shows(&self, camera: &Camera, point: Vector) -> bool {
         const ROUNDING: f64 = 1e-9;
         let ray = along(point, -1.0, camera.position);
@@ -110,8 +110,8 @@ impl Scene {
             .is_none_or(|distance| distance > 1.0 - ROUNDING)
     }
 
-    /// Its colours through a camera: every place of the world has its own, darker in every other cube
-    /// of a quarter of a metre.
+    /// Renders the scene through a camera: the colour is a function of the world position, darker in every other cube of 0.25
+    /// m.
     pub(crate) fn render(&self, camera: &Camera) -> RgbImage {
         let (width, height) = camera.size;
         RgbImage::from_fn(width as u32, height as u32, |x, y| {

@@ -1,4 +1,4 @@
-//! Tables of places between pixels, and more points than pixels.
+//! Tables with positions between pixels, and with more points than pixels.
 
 use crate::camera::{Camera, Sight};
 use crate::completion::{BIAS, bias, smooth};
@@ -31,8 +31,7 @@ fn tables_say_exactly_where_points_are() {
     }
 }
 
-/// If the nearest point of each pixel stood for the pixel, as it once did, the plane would be
-/// millimetres too near.
+/// If the nearest point of each pixel represented the pixel, a former bug, the plane would be millimetres too near.
 #[test]
 fn eight_points_a_pixel_do_not_pull_a_plane() {
     const SIZE: (usize, usize) = (160, 120);

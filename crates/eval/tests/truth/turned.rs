@@ -1,4 +1,4 @@
-//! Photos that are stored turned.
+//! Photos stored with a rotation.
 
 use crate::camera::{Camera, Lens, Sight};
 use crate::files::{CLOUDS, write_camera, write_cloud, write_model, write_photo};
@@ -9,8 +9,8 @@ use lsdc_eval::data::{self, Colmap, Sparse, read_upright};
 
 const SIZE: (usize, usize) = (96, 64);
 
-/// Where the upright image shows a stored place, by the words of EXIF 2.32: "the 0th row is at the
-/// visual top, the 0th column at the visual left" and so on.
+/// Returns the position in the upright image of a stored position, by the wording of EXIF 2.32: "the 0th row is at the visual
+/// top, the 0th column at the visual left" and so on.
 fn upright(orientation: u8, [u, v]: [f64; 2]) -> [f64; 2] {
     let (right, bottom) = (SIZE.0 as f64 - 1.0 - u, SIZE.1 as f64 - 1.0 - v);
     match orientation {
@@ -26,7 +26,7 @@ fn upright(orientation: u8, [u, v]: [f64; 2]) -> [f64; 2] {
     }
 }
 
-/// As a phone stores it: its lens, a principal point off the centre, and pixels that are no squares.
+/// A phone's camera: a principal point off the centre, and pixels that are not square.
 fn phone() -> Camera {
     Camera {
         focal: [88.0, 91.0],
@@ -64,7 +64,7 @@ fn points_of_turned_photos_are_where_the_upright_image_shows_them() {
                 Sight { place, ..sight }
             })
             .collect();
-        // The image itself: the colour of each point is where the point is.
+        // The image itself: each point has the colour of its position.
         for (&[x, y], sight) in pixels.iter().zip(&truth) {
             let [u, v] = sight.place.map(|v| v.round() as u32);
             assert_eq!(
@@ -85,7 +85,7 @@ fn points_of_turned_photos_are_where_the_upright_image_shows_them() {
             let stayed = observed(&sparse, &truth);
             let count = stayed.iter().filter(|&&stayed| stayed).count();
             assert_eq!(count + sparse.hidden, points.len(), "{what}, {form}");
-            // All are visible, but so few points that some at inner edges are taken for hidden.
+            // All points are visible, but there are so few that some at inner edges are misjudged as hidden.
             assert!(
                 sparse.hidden * 10 < points.len(),
                 "{what}, {form}: {}",

@@ -1,4 +1,4 @@
-//! Vectors and rotations of space.
+//! Vectors and rotations in 3D.
 
 pub(crate) type Vector = [f64; 3];
 
@@ -14,7 +14,7 @@ pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
     ]
 }
 
-/// a + factor b
+/// Returns a + factor b.
 pub(crate) fn along(a: Vector, factor: f64, b: Vector) -> Vector {
     [0, 1, 2].map(|axis| a[axis] + factor * b[axis])
 }
@@ -24,13 +24,13 @@ pub(crate) fn along(a: Vector, factor: f64, b: Vector) -> Vector {
 pub(crate) struct Rotation(pub(crate) [f64; 4]);
 
 impl Rotation {
-    /// By an angle in degrees about an axis of unit length.
+    /// Creates a rotation by an angle in degrees about a unit axis.
     pub(crate) fn about(axis: Vector, degrees: f64) -> Self {
         let (sin, cos) = (degrees.to_radians() / 2.0).sin_cos();
         Self([cos, sin * axis[0], sin * axis[1], sin * axis[2]])
     }
 
-    /// This one first, the other one after it.
+    /// Returns this rotation followed by another one.
     pub(crate) fn then(self, Self([w, x, y, z]): Self) -> Self {
         let (Self([v, a, b, c]), outer) = (self, [x, y, z]);
         let inner = [a, b, c];

@@ -1,4 +1,4 @@
-//! How many basis functions, and how the position is encoded: one network for each, trained from the
+//! Ablation of the number of basis functions and of the positional encoding: one network for each setting, trained from the
 //! same seed on an equal budget.
 
 use super::tables::{axis, column, line};
@@ -12,16 +12,16 @@ use lsdc_files::error::Result;
 use lsdc_train::model::InitNetwork as _;
 
 const BASES: [usize; 6] = [16, 32, 64, 128, 256, 512];
-/// E of the encoding, 0 = no position, 1 = the raw coordinates.
+/// Octaves E of the encoding: 0 = no position, 1 = raw coordinates.
 const OCTAVES: [usize; 8] = [0, 1, 3, 4, 5, 6, 7, 8];
 
-/// A family of networks that differ in one number.
+/// A family of networks that differ in one setting.
 struct Family<'a> {
     title: &'static str,
     name: &'static str,
     variable: &'static str,
     labels: Vec<String>,
-    /// Places among the trials.
+    /// Indices of the trials.
     members: Vec<usize>,
     context: &'a ExperimentContext,
 }
@@ -37,7 +37,7 @@ impl<'a> Ablation<'a> {
         let frames = (context.recipe.frames)()?;
         let base = &context.recipe.network;
         let mut trials: Vec<TrainedNetwork<'a>> = Vec::new();
-        // The network that both families have is trained once.
+        // The network common to both families is trained once.
         let mut member = |network: NetworkConfig| {
             let there = trials.iter().position(|trial| trial.network == network);
             there.unwrap_or_else(|| {
@@ -48,7 +48,7 @@ impl<'a> Ablation<'a> {
         };
         let bases = BASES.map(|bases| {
             let mut hidden = base.hidden.clone();
-            // A narrower last layer would make basis functions depend on each other.
+            // A narrower last layer would make basis functions linearly dependent.
             if let Some(last) = hidden.last_mut() {
                 *last = (*last).max(bases);
             }

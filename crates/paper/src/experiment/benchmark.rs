@@ -1,4 +1,4 @@
-//! Errors beside other methods (Fang et al., table 1).
+//! Comparison of errors with other methods (Fang et al., table 1).
 
 use super::trial::{Measured, Trial};
 use super::{ExperimentContext, Study, published, tables};
@@ -8,14 +8,14 @@ use lsdc_eval::predict::{Classic, Method};
 use lsdc_eval::report::{Row, Section};
 use lsdc_files::error::Result;
 
-/// What is measured beside `lsdc` wherever methods are compared.
+/// Baselines evaluated in all comparisons of methods.
 pub(super) const BASELINES: [Method; 3] = [
     Method::Classic(Classic::Linear),
     Method::Classic(Classic::Smooth),
     Method::Classic(Classic::Steering),
 ];
 
-/// `lsdc` and its rivals.
+/// Returns `lsdc` and the baselines.
 pub(super) fn all() -> Vec<Method> {
     [Method::Lsdc].into_iter().chain(BASELINES).collect()
 }

@@ -1,4 +1,4 @@
-//! What experiments work with: frames, networks, and how others are trained.
+//! The context of experiments: frames, networks, and training recipes.
 
 use crate::systems::{Predictor, SystemConfig};
 use burn::tensor::Device;
@@ -14,44 +14,43 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What experiments work with.
+/// The inputs shared by all experiments.
 pub struct ExperimentContext {
-    /// Where everything is kept: records of parts below `cells`, trained networks below `runs`.
+    /// Folder of all results: records of parts in `cells`, trained networks in `runs`.
     pub folder: PathBuf,
-    /// The dataset and split in words.
+    /// Description of dataset and split.
     pub dataset: String,
-    /// The frames to measure on.
+    /// Frames for evaluation.
     pub frames: Arc<dyn Dataset>,
-    /// Their protocol.
+    /// Protocol of the frames.
     pub preset: ProtocolPreset,
-    /// What the measures leave open.
+    /// Parameters of the metrics.
     pub rules: Rules,
-    /// Only the first frames.
+    /// Limit of the number of frames; the first frames are used.
     pub limit: Option<usize>,
-    /// Names the draws of points.
+    /// Seeds of the draws of points.
     pub seeds: Vec<u64>,
-    /// The network and its fit.
+    /// Network with its fit.
     pub completer: Completer,
-    /// Its weights in words.
+    /// Description of the weights.
     pub weights: String,
-    /// The shape of the network.
+    /// Configuration of the network.
     pub network: NetworkConfig,
-    /// Guides for the experiment `knowledge`, by the names of frames.
+    /// Guides for the experiment `knowledge`, by frame names.
     pub guides: Option<GuideSource>,
     /// Depth maps of other programs for the benchmark, by name.
     pub predictions: Vec<(String, PathBuf)>,
-    /// Trained systems for the experiment `systems`, by name; none: it trains them.
+    /// Trained systems for the experiment `systems`, by name; if empty, the experiment trains them.
     pub systems: Vec<(String, Predictor)>,
-    /// DIODE, and where it lies in words, if there is one.
+    /// DIODE with a description of its location, if available.
     pub diode: Option<Arc<dyn Dataset>>,
-    /// How the ablation trains.
+    /// Recipe of networks trained by experiments.
     pub recipe: Recipe,
-    /// Where to compute, and its name.
+    /// Device with its name.
     pub device: (Device, String),
-    /// What numbers depend on beside the settings here: where datasets lie and how they are opened.
-    /// What was measured from something else is not used again.
+    /// Further inputs of the numbers: locations of datasets and how they are opened. Results with other inputs are not reused.
     pub place: serde_json::Value,
-    /// How long each part runs first, to estimate the time of the rest.
+    /// Duration of the first run of each part, to estimate the remaining time.
     pub probe_time: Duration,
 }
 
@@ -64,12 +63,12 @@ impl ExperimentContext {
         self.folder.join("runs")
     }
 
-    /// The file of a part.
+    /// Returns the file of a part.
     pub(super) fn trial(&self, name: &str, ending: &str) -> PathBuf {
         self.trials().join(format!("{name}.{ending}"))
     }
 
-    /// What all experiments on the dataset have in common, in words.
+    /// Describes the settings shared by all experiments on the dataset.
     pub(super) fn about(&self) -> String {
         let frames = self.frames.len().min(self.limit.unwrap_or(usize::MAX));
         let draws = match self.seeds.len() {
@@ -83,26 +82,26 @@ impl ExperimentContext {
     }
 }
 
-/// How networks are trained, and on what.
+/// Settings and data for training networks.
 pub struct Recipe {
-    /// The network that is changed in one way or another.
+    /// Base network, which experiments vary.
     pub network: NetworkConfig,
-    /// The fit to train through.
+    /// Fit used in training.
     pub fit: FitConfig,
-    /// The settings of all trainings.
+    /// Training settings shared by all networks.
     pub train: TrainConfig,
-    /// The systems that are trained beside it.
+    /// Systems trained for comparison.
     pub systems: Vec<SystemRecipe>,
-    /// The frames to learn from, opened when they are needed.
+    /// Opens the training frames when they are needed.
     pub frames: Box<dyn Fn() -> Result<Arc<dyn Dataset>>>,
 }
 
-/// How a system is trained.
+/// Settings for training a system.
 pub struct SystemRecipe {
-    /// Its name in tables.
+    /// Name in tables.
     pub name: String,
-    /// The system and its sizes.
+    /// System with its sizes.
     pub system: SystemConfig,
-    /// Its own settings, with the steps, images and frames of the others.
+    /// Training settings of the system, with the same steps, images and frames as the others.
     pub train: TrainConfig,
 }

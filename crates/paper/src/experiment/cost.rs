@@ -35,7 +35,7 @@ pub(super) const SIZES: [Size; 2] = [
     },
 ];
 
-/// A frame of a procedural room, for times.
+/// Returns a frame of a procedural room, for timing.
 fn room(size: Size) -> Result<Frame> {
     let config = RoomsConfig {
         width: size.width,
@@ -45,11 +45,11 @@ fn room(size: Size) -> Result<Frame> {
     Rooms::new(Split::Val, &config)?.load(0)
 }
 
-/// What is measured, once.
+/// A timing measurement, run once.
 pub(super) struct Timed<'a> {
     pub(super) context: &'a ExperimentContext,
     pub(super) name: String,
-    /// Changes with everything that is not the context's.
+    /// Label that identifies the subject and settings that are not in the context.
     pub(super) label: String,
     pub(super) subject: TimedSubject,
     pub(super) size: Size,
@@ -57,25 +57,25 @@ pub(super) struct Timed<'a> {
 
 #[derive(Clone)]
 pub(super) enum TimedSubject {
-    /// The network of the context, and whether it sees all pixels.
+    /// The network of the context, and whether it is run at full resolution.
     Ours { full: bool },
     /// Another network.
     Other(Box<Completer>),
-    /// The paper's network with random weights and the paper's fit.
+    /// The paper's network with random weights, and the paper's fit.
     Paper,
     /// A method without training.
     Classic(lsdc_eval::predict::Classic),
-    /// A system that is compared with.
+    /// A trained system for comparison.
     System(Predictor),
 }
 
-/// The times of a trial, as they are on disk.
+/// Times of a trial, as stored on disk.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct StoredTimes {
-    /// Numerics, weights, device and machine.
+    /// Record of the inputs: numerics, weights, device, fit, label and threads.
     of: Value,
     times: CompletionTimes,
-    /// Trained parameters, and multiply-adds at this size.
+    /// Number of trained parameters, and multiply-adds at this size.
     parameters: Option<usize>,
     multiply_adds: Option<u64>,
 }
@@ -96,7 +96,7 @@ impl Timed<'_> {
         })
     }
 
-    /// The time of all, in milliseconds.
+    /// Returns the total time in milliseconds.
     pub(super) fn total(&self) -> Result<f64> {
         Ok(self.times()?.times.total_ms)
     }
@@ -128,7 +128,7 @@ impl Timed<'_> {
             &TimedSubject::Ours { full } => {
                 let mut completer = self.context.completer.clone();
                 let net = self.context.network.init(0, device)?;
-                // Larger images are reduced to this before the network.
+                // Larger images are resized to this size before the network.
                 let mut input = SIZES[0];
                 if full {
                     completer = completer.with_working_size(size.0, size.1)?;
@@ -169,7 +169,7 @@ impl Timed<'_> {
     }
 }
 
-/// The median over all runs of the time of a method without stages.
+/// Returns the median time over all runs of a method without stages.
 fn time_whole(complete: impl Fn() -> Result<DepthMap>) -> Result<CompletionTimes> {
     let mut times = Vec::new();
     for _ in 0..RUNS {
@@ -199,7 +199,7 @@ impl Trial for Timed<'_> {
         self.times().map(|_| 1)
     }
 
-    /// A few seconds, in one go: half a time is none.
+    /// Takes a few seconds and cannot be interrupted.
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
         let path = self.path();
         if !path.exists() {

@@ -1,4 +1,4 @@
-//! The same weights on DIODE (Fang et al., table 4).
+//! Evaluation of the same weights on DIODE (Fang et al., table 4).
 
 use super::benchmark::all;
 use super::trial::{Measured, Trial};
@@ -84,7 +84,7 @@ impl Study for Diode<'_> {
             }
         }
         section.notes = published::notes(&published::TABLE_4_NOTES);
-        // With the mask: what lies beyond is not known.
+        // With the mask, because depths outside it are unknown.
         if let Some((_, trial)) = self.trials.get(1) {
             let caption = "The frame on which lsdc is neither good nor bad, with the mask.";
             trial.show(&mut section, caption)?;

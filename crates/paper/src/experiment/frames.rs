@@ -1,4 +1,4 @@
-//! Frames of a dataset, changed as they are loaded.
+//! Frames of a dataset, modified when they are loaded.
 
 use image::RgbImage;
 use lsdc_eval::data::{Dataset, DepthMap, Frame, FrameId};
@@ -6,10 +6,10 @@ use lsdc_files::error::Result;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How much narrower the view of the other camera is.
+/// Ratio between the original view and that of the other camera.
 const NARROWER: usize = 2;
 
-/// Frames whose depths are multiplied.
+/// Returns frames with depths multiplied by a factor.
 pub(super) fn scaled(frames: Arc<dyn Dataset>, factor: f32) -> Arc<dyn Dataset> {
     Arc::new(ChangedFrames {
         frames,
@@ -18,7 +18,7 @@ pub(super) fn scaled(frames: Arc<dyn Dataset>, factor: f32) -> Arc<dyn Dataset> 
     })
 }
 
-/// The middle of frames: what a camera with a longer lens sees.
+/// Returns the centres of frames, as seen by a camera with a longer lens.
 pub(super) fn narrowed(frames: Arc<dyn Dataset>) -> Arc<dyn Dataset> {
     Arc::new(ChangedFrames {
         frames,
@@ -29,7 +29,7 @@ pub(super) fn narrowed(frames: Arc<dyn Dataset>) -> Arc<dyn Dataset> {
 
 struct ChangedFrames<F> {
     frames: Arc<dyn Dataset>,
-    /// What is changed, in words.
+    /// Description of the modification.
     about: String,
     change: F,
 }
@@ -72,10 +72,10 @@ fn multiplied(frame: Frame, factor: f32) -> Result<Frame> {
     })
 }
 
-/// Enlarged to the size that it had, so that protocols find what they cut out.
+/// Crops the centre and enlarges it to the original size, so that protocols can crop it as usual.
 fn middle(frame: Frame) -> Result<Frame> {
     let (width, height) = (frame.depth.width(), frame.depth.height());
-    // The pixel of the middle part that each pixel shows.
+    // The pixel of the centre crop shown by each pixel.
     let from = |i: usize, length: usize| {
         let part = (length / NARROWER).max(1);
         (length - part) / 2 + i * part / length

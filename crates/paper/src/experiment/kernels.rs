@@ -1,11 +1,11 @@
-//! What basis functions look like, and which pixels they take for alike.
+//! Pictures of basis functions, and of the pixels that they make similar.
 
 use super::trial::Trial;
 use super::{ExperimentContext, Study};
 use lsdc_eval::report::{Panels, Section, contact_sheet, diverging_scale, kernels};
 use lsdc_files::error::Result;
 
-/// Frames that are shown.
+/// Number of frames shown.
 const FRAMES: usize = 3;
 
 pub(super) struct KernelsStudy<'a> {

@@ -1,4 +1,4 @@
-//! What the knowledge of a network is worth: the weights that there are, for few and many points.
+//! The value of trained weights: errors of several weights for few and many points.
 
 use super::cost::{POINTS, SIZES, Timed, TimedSubject};
 use super::tables::{column, line, row, show_by_count};
@@ -13,15 +13,15 @@ use lsdc_weights::{open_weights, weights_name};
 use std::path::Path;
 
 const COUNTS: [usize; 9] = [1, 5, 20, 50, 100, 200, 500, 1000, 5000];
-/// From no knowledge to most.
+/// Weights in the order of increasing prior knowledge.
 const WEIGHTS: [&str; 4] = ["none", "small", "default", "anything"];
-/// Those that guides are given to, if there are any.
+/// Weights that are also evaluated with guides, if there are any.
 const GUIDED: [&str; 2] = ["none", "default"];
 
-/// Some weights, measured.
+/// Weights with their measurements.
 struct ComparedWeights<'a> {
     name: String,
-    /// Parameters in millions, those of a pretrained encoder not counted.
+    /// Number of parameters in millions, without a pretrained encoder.
     parameters: f64,
     errors: Vec<Measured<'a>>,
     times: Vec<Timed<'a>>,
@@ -30,7 +30,7 @@ struct ComparedWeights<'a> {
 pub(super) struct Knowledge<'a> {
     context: &'a ExperimentContext,
     compared: Vec<ComparedWeights<'a>>,
-    /// Weights that cannot be opened, and why.
+    /// Messages about weights that cannot be opened.
     missing: Vec<String>,
 }
 
@@ -129,7 +129,7 @@ impl<'a> ComparedWeights<'a> {
         Ok(Self {
             parameters: parameters as f64 / 1e6,
             errors: COUNTS.map(error).into(),
-            // A guide is read from a file; what it costs to make it is not known.
+            // The guide is read from a file, so the time to compute it is unknown.
             times: if guided {
                 Vec::new()
             } else {

@@ -1,5 +1,5 @@
-//! The paper's experiments, each made of parts that are measured on their own and kept, so that an
-//! interrupted experiment goes on where it stopped and ends with the same numbers.
+//! The paper's experiments. Each consists of parts that are measured separately and stored, so that an interrupted experiment
+//! can be resumed with identical results.
 
 mod ablation;
 mod benchmark;
@@ -30,37 +30,37 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use trial::{Study, Trial};
 
-/// A question of the paper (Fang et al., section 4).
+/// An experiment of the paper (Fang et al., section 4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Experiment {
-    /// Table 1: errors at 500 points beside other methods.
+    /// Table 1: comparison of errors with other methods, at 500 points.
     Benchmark,
-    /// How many basis functions, and how the position is encoded: trains each on an equal budget.
+    /// Ablation of the number of basis functions and of the positional encoding; trains each network on an equal budget.
     Ablation,
     /// Errors against the number of points.
     Points,
     /// Errors against the scale of the depths.
     Scale,
-    /// Wrong points, with and without robust losses.
+    /// Errors with noisy points, with and without robust losses.
     Noise,
-    /// Whether the predicted standard deviations hold.
+    /// Calibration of the predicted standard deviations.
     Uncertainty,
-    /// What the knowledge of a network is worth: all weights that there are, for few and many points.
+    /// The value of trained weights: errors of several weights for few and many points.
     Knowledge,
-    /// What basis functions look like, and which pixels they take for alike.
+    /// Pictures of basis functions, and of the pixels that they make similar.
     Kernels,
     /// Depth at three times the resolution of the image.
     Resolution,
-    /// Table 4: the same weights on DIODE.
+    /// Table 4: evaluation of the same weights on DIODE.
     Diode,
     /// Table 5: parameters and times.
     Cost,
-    /// The systems that the paper compares itself with, trained and measured alike.
+    /// The systems compared in the paper, trained and evaluated under equal conditions.
     Systems,
 }
 
 impl Experiment {
-    /// All of them, in the order of the page.
+    /// All experiments, in the order of the page.
     pub const ALL: [Self; 12] = [
         Self::Benchmark,
         Self::Ablation,
@@ -76,7 +76,7 @@ impl Experiment {
         Self::Systems,
     ];
 
-    /// The name on the command line and in files.
+    /// Returns the name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Benchmark => "benchmark",
@@ -94,7 +94,7 @@ impl Experiment {
         }
     }
 
-    /// The experiment's parts.
+    /// Prepares the parts of the experiment.
     fn prepare<'a>(self, context: &'a ExperimentContext) -> Result<Box<dyn Study + 'a>> {
         Ok(match self {
             Self::Benchmark => Box::new(benchmark::Benchmark::new(context)),
@@ -113,39 +113,38 @@ impl Experiment {
     }
 }
 
-/// What happens while experiments run.
+/// Events while experiments run.
 #[derive(Clone, Copy, Debug)]
 pub enum ExperimentEvent<'a> {
-    /// So many results of an earlier run of the same experiments are used again.
+    /// This many results of an earlier run of the same experiments are reused.
     Resumed(usize),
-    /// A part runs for a moment, to estimate its time.
+    /// A part runs briefly, to estimate its time.
     Estimating {
-        /// Parts before it.
+        /// Number of parts before this one.
         done: usize,
-        /// Parts in all.
+        /// Total number of parts.
         total: usize,
-        /// Its name.
+        /// Name of the part.
         trial: &'a str,
     },
-    /// It will take this long from now.
+    /// Estimate of the remaining time.
     Estimated(Duration),
-    /// A part goes on.
+    /// A part makes progress.
     Progress {
-        /// Estimated time behind us, of parts as long as they were announced.
+        /// Estimated time of the work done.
         done: Duration,
-        /// Estimated time of all.
+        /// Estimated total time.
         total: Duration,
-        /// The part's name.
+        /// Name of the part.
         trial: &'a str,
     },
 }
 
-/// Runs experiments, writes what each found into the folder of `context`, and returns it; nothing if `report`
-/// broke off: then the same call goes on.
+/// Runs experiments, writes the results of each to the folder of `context`, and returns them; `None` if `report` interrupted
+/// them, in which case the same call resumes.
 ///
 /// # Errors
-/// What a part cannot do: frames that cannot be read, records of another experiment in the folder, a
-/// folder that cannot be written.
+/// A part fails: frames cannot be read, the folder contains records of another experiment, or it cannot be written.
 pub fn run(
     experiments: &[Experiment],
     context: &ExperimentContext,
@@ -220,7 +219,7 @@ pub fn run(
     Ok(Some(sections))
 }
 
-/// Lets a part go on for a moment; how long the rest of it will take. What the trial measures is kept.
+/// Runs a part briefly, and estimates its remaining time. The results of the trial are kept.
 fn estimate(trial: &dyn Trial, limit: Duration) -> Result<Duration> {
     let mut first: Option<(Instant, f64)> = None;
     let mut left = Duration::ZERO;
@@ -239,7 +238,7 @@ fn estimate(trial: &dyn Trial, limit: Duration) -> Result<Duration> {
     Ok(left)
 }
 
-/// Takes away what an earlier run of these experiments measured.
+/// Removes the results of an earlier run of these experiments.
 ///
 /// # Errors
 /// The records cannot be removed.

@@ -1,4 +1,4 @@
-//! Wrong points, with and without robust losses (Fang et al., section 4.4).
+//! Errors with noisy points, with and without robust losses (Fang et al., section 4.4).
 
 use super::benchmark::{BASELINES, all};
 use super::trial::{Measured, Trial};
@@ -14,9 +14,9 @@ const NOISE: Noise = Noise::Added {
     share: 0.3,
     most: 1.0,
 };
-/// The loss that stands for `lsdc` beside methods that have none.
+/// The loss used for `lsdc` in comparisons with methods that have none.
 const OURS: Loss = Loss::Auto;
-/// Other ways in which points are wrong, in words for a column and for files.
+/// Other kinds of noise: label of the column, name in files, noise.
 const OTHERS: [(&str, &str, Noise); 4] = [
     ("gross outliers", "outliers", Noise::Outliers { share: 0.3 }),
     (
@@ -37,9 +37,9 @@ const OTHERS: [(&str, &str, Noise); 4] = [
     ),
     ("as of stereo", "stereo", Noise::Stereo { factor: 0.01 }),
 ];
-/// Numbers of clean points.
+/// Numbers of points without noise.
 const CLEAN: [usize; 6] = [5, 50, 200, 500, 1000, 5000];
-/// Losses that are measured with them.
+/// Losses compared.
 const COMPARED: [Option<Loss>; 4] = [
     None,
     Some(Loss::Huber),
@@ -52,9 +52,9 @@ pub(super) struct NoiseStudy<'a> {
     clean: Measured<'a>,
     noisy: Measured<'a>,
     robust: Vec<(Loss, Measured<'a>)>,
-    /// For each of the compared losses, the other kinds of noise.
+    /// Measurements with the other kinds of noise, for each of the compared losses.
     others: Vec<Vec<Measured<'a>>>,
-    /// For each of the compared losses, clean points.
+    /// Measurements without noise, for each of the compared losses.
     untouched: Vec<Vec<Measured<'a>>>,
 }
 
@@ -176,7 +176,7 @@ impl Study for NoiseStudy<'_> {
 }
 
 impl NoiseStudy<'_> {
-    /// Errors with other kinds of wrong points.
+    /// Returns the errors with other kinds of noise.
     fn kinds(&self) -> Result<Table> {
         let labels = OTHERS.iter().map(|(label, ..)| (*label).to_owned());
         compared(
@@ -186,7 +186,7 @@ impl NoiseStudy<'_> {
         )
     }
 
-    /// Errors without wrong points.
+    /// Returns the errors without noise.
     fn costs(&self) -> Result<Table> {
         let labels = CLEAN.iter().map(|count| format!("{count} points"));
         compared("RMSE without wrong points", labels, &self.untouched)
@@ -218,7 +218,7 @@ impl NoiseStudy<'_> {
     }
 }
 
-/// The errors of each of the compared losses, a column for each trial.
+/// Returns the errors of each of the compared losses, with a column for each trial.
 fn compared(
     title: &str,
     labels: impl Iterator<Item = String>,

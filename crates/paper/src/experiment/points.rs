@@ -54,8 +54,7 @@ impl Study for PointsStudy<'_> {
     }
 }
 
-/// A measure of several methods under several conditions: as a table with a column for each method,
-/// and as lines.
+/// Compares a metric of several methods under several conditions, as a table with a column for each method, and as lines.
 pub(super) fn compare(
     metric: Metric,
     conditions: &[(String, f64)],

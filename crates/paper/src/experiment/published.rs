@@ -1,10 +1,9 @@
-//! What others published, and what is wrong with it.
+//! Published results, and notes on their errors.
 
 use lsdc_eval::predict::SystemKind;
 use lsdc_eval::report::Row;
 
-/// The measures that tables 1 and 4 have: RMSE in metres, REL, and shares below 1.25, 1.25^2 and
-/// 1.25^3 in per cent.
+/// The metrics of tables 1 and 4: RMSE in metres, REL, and shares below 1.25, 1.25^2 and 1.25^3 in per cent.
 pub(super) type Errors = [Option<f64>; 5];
 
 /// Fang et al., table 1: NYU Depth v2, 500 points.
@@ -41,7 +40,7 @@ pub(super) const NOISE_NOTES: [&str; 1] = [
      merely grow more slowly follow it in part.",
 ];
 
-/// Fang et al., table 3: 120x160 to 360x480, RMSE in metres and REL, its two columns exchanged.
+/// Fang et al., table 3: 120x160 to 360x480, RMSE in metres and REL, with its two columns swapped.
 pub(super) const TABLE_3: [(&str, [f64; 2]); 3] = [
     ("S2D (table 3)", [1.367, 0.487]),
     ("LSK (table 3)", [0.251, 0.059]),
@@ -99,16 +98,16 @@ pub(super) const TABLE_5_NOTES: [&str; 1] =
 /// RMSE in metres, REL, and the share below 1.25 in per cent.
 type Scores = (f64, f64, Option<f64>);
 
-/// What was published of a system on NYU Depth v2.
+/// Published results of a system on NYU Depth v2.
 pub(super) struct PublishedSystem {
     pub(super) kind: SystemKind,
-    /// By name.
+    /// Scores by row label.
     pub(super) rows: &'static [(&'static str, Scores)],
-    /// How it was trained.
+    /// Description of the training.
     pub(super) training: &'static str,
 }
 
-/// Of the three systems.
+/// Published results of the three systems.
 pub(super) const SYSTEMS: [PublishedSystem; 3] = [
     PublishedSystem {
         kind: SystemKind::S2d,
@@ -145,7 +144,7 @@ pub(super) const SYSTEMS_NOTES: [&str; 5] = [
      the network's own first depths there.",
 ];
 
-/// A row of somebody else's.
+/// Returns a row of published results.
 pub(super) fn row(label: &str, values: Vec<Option<f64>>) -> Row {
     Row {
         label: label.to_owned(),
@@ -154,7 +153,7 @@ pub(super) fn row(label: &str, values: Vec<Option<f64>>) -> Row {
     }
 }
 
-/// Sentences for a section.
+/// Returns notes for a section.
 pub(super) fn notes(notes: &[&str]) -> Vec<String> {
     notes.iter().map(|note| (*note).to_owned()).collect()
 }

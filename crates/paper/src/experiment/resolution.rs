@@ -18,7 +18,7 @@ pub(super) const LARGE: Size = Size {
     height: 360,
     width: 480,
 };
-/// What lies within the white frame around the images of NYU Depth v2.
+/// Size inside the white border of the images of NYU Depth v2.
 const INSIDE: Size = Size {
     height: 456,
     width: 608,
@@ -63,19 +63,19 @@ impl<'a> Resolution<'a> {
     }
 }
 
-/// Frames at the higher resolution.
+/// Returns the protocol of frames at the higher resolution.
 pub(super) fn protocol(context: &ExperimentContext) -> Protocol {
     Protocol {
         cut: context.preset.name.starts_with("nyu").then_some(INSIDE),
         resize: Some(LARGE),
         crop: None,
-        // Depths between those of two surfaces would be no edge.
+        // Interpolation between two surfaces would blur edges.
         depth_resize: Interpolation::PilNearest,
         ..context.preset.protocol
     }
 }
 
-/// A method that is given the lower one.
+/// Returns a method that completes at the lower resolution.
 pub(super) fn enlarged(name: String, method: Method, by: Enlargement) -> (String, Candidate) {
     let from = SMALL;
     (name, Candidate::Enlarged { method, from, by })

@@ -1,9 +1,9 @@
-//! Rows, columns and charts that several experiments have.
+//! Rows, columns and charts shared by several experiments.
 
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::report::{AxisScales, Chart, Column, Line, Ranking, Row, Section, Table};
 
-/// A row of what was measured here.
+/// Returns a row of measured values.
 pub(super) fn row(label: impl Into<String>, values: impl Into<Vec<Option<f64>>>) -> Row {
     Row {
         label: label.into(),
@@ -12,7 +12,7 @@ pub(super) fn row(label: impl Into<String>, values: impl Into<Vec<Option<f64>>>)
     }
 }
 
-/// A column of numbers of which the smallest is the best.
+/// Returns a column in which the smallest value is the best.
 pub(super) fn column(label: impl Into<String>, unit: &'static str, decimals: usize) -> Column {
     Column {
         label: label.into(),
@@ -22,7 +22,7 @@ pub(super) fn column(label: impl Into<String>, unit: &'static str, decimals: usi
     }
 }
 
-/// The scores of methods, a row for each.
+/// Returns a table of scores with a row for each method.
 pub(super) fn of_methods(title: impl Into<String>, metrics: &[Metric], rows: Vec<Row>) -> Table {
     Table {
         title: title.into(),
@@ -33,7 +33,7 @@ pub(super) fn of_methods(title: impl Into<String>, metrics: &[Metric], rows: Vec
     }
 }
 
-/// A measured curve with a name.
+/// Returns a measured curve with a name.
 pub(super) fn line(name: &str, colour: usize, points: Vec<(f64, f64)>) -> Line {
     Line {
         name: Some(name.to_owned()),
@@ -43,7 +43,7 @@ pub(super) fn line(name: &str, colour: usize, points: Vec<(f64, f64)>) -> Line {
     }
 }
 
-/// Adds a chart of a measure against the number of points.
+/// Adds a chart of a metric against the number of points.
 pub(super) fn show_by_count(
     section: &mut Section,
     name: &str,
@@ -61,7 +61,7 @@ pub(super) fn show_by_count(
     section.add_figure(name, caption, chart.draw());
 }
 
-/// The name of an axis, with its unit.
+/// Returns the label of an axis, with its unit.
 pub(super) fn axis(metric: Metric) -> String {
     match metric.unit() {
         "" => metric.label().to_owned(),

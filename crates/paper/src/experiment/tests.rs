@@ -11,7 +11,7 @@ use lsdc_train::sample::SupervisionConfig;
 use lsdc_train::training::TrainConfig;
 use std::sync::Arc;
 
-/// Small rooms, and trainings of a few steps.
+/// Returns a context with small rooms, and trainings of a few steps.
 pub(super) fn context(folder: &Path) -> ExperimentContext {
     let config = RoomsConfig {
         train: 8,
@@ -80,7 +80,7 @@ pub(super) fn go_on(_: ExperimentEvent<'_>) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-/// The sections of experiments that were broken off after some events, `more` events later every time.
+/// Returns the sections of experiments that are interrupted after some events, `more` events later every time.
 pub(super) fn interrupted(
     experiments: &[Experiment],
     context: &ExperimentContext,
@@ -152,7 +152,7 @@ fn a_folder_of_other_settings_is_refused() {
         ..context(folder.path())
     };
     assert!(run(&[Experiment::Scale], &other, go_on).is_err());
-    // Every constant of the fit counts, and where the frames lie.
+    // Settings of the fit and the location of frames are part of the record.
     let mut fit = *first.completer.fit_config();
     fit.joint.observation_precision *= 2.0;
     let refit = ExperimentContext {
@@ -176,7 +176,7 @@ fn a_folder_of_other_settings_is_refused() {
     })
     .unwrap();
     assert!(resumed >= 3, "{resumed} results used again");
-    // Networks that are trained already belong to their recipe as well.
+    // The record of trained networks also includes their recipe.
     let mut events = 0;
     run(&[Experiment::Ablation], &first, |_| {
         events += 1;
@@ -208,7 +208,7 @@ fn experiments_without_their_data_say_so() {
     );
 }
 
-/// Rooms of which one cannot be read.
+/// Rooms with a frame that cannot be read.
 struct Torn(Rooms);
 
 impl Dataset for Torn {

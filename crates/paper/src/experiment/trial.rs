@@ -1,4 +1,4 @@
-//! The parts of experiments: what each has done is on disk.
+//! The parts of experiments, with results stored on disk.
 
 use super::ExperimentContext;
 use lsdc_core::Completer;
@@ -21,48 +21,48 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Hears which share of a part is done, before its first work and after each piece; may break off.
+/// A callback that receives the completed fraction of a part, before its first work and after each step; it may stop the part.
 pub(super) type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
 
 /// A part of an experiment.
 pub(super) trait Trial {
-    /// Its name in files.
+    /// Returns its name in files.
     fn name(&self) -> &str;
 
-    /// The number of results that an earlier run has left.
+    /// Returns the number of results stored by an earlier run.
     fn stored(&self) -> Result<usize>;
 
-    /// Goes on with what is left to do.
+    /// Runs the remaining work.
     fn run(&self, progress: &mut Progress<'_>) -> Result<()>;
 
-    /// Frames that could not be measured, once it is done.
+    /// Returns the frames that could not be measured, after it is complete.
     fn failures(&self) -> Result<Vec<Failure>> {
         Ok(Vec::new())
     }
 }
 
-/// An experiment whose parts are known.
+/// An experiment with its parts.
 pub(super) trait Study {
-    /// The parts.
+    /// Returns the parts.
     fn trials(&self) -> Vec<&dyn Trial>;
 
-    /// What was found, once all parts are done.
+    /// Returns the results, after all parts are complete.
     fn section(&self) -> Result<Section>;
 }
 
-/// The trials of a study that has one kind of them.
+/// Returns the trials of a study that has one kind of them.
 pub(super) fn as_trials<T: Trial>(trials: &[T]) -> Vec<&dyn Trial> {
     trials.iter().map(|trial| trial as &dyn Trial).collect()
 }
 
-/// Methods measured on frames.
+/// An evaluation of methods on frames.
 pub(super) struct Measured<'a> {
     context: &'a ExperimentContext,
     name: String,
     dataset: String,
     frames: Arc<dyn Dataset>,
     completer: Completer,
-    /// The weights of the completer, in words that change with every bit of them.
+    /// Description of the weights of the completer, which identifies them exactly.
     weights: String,
     guides: Option<GuideSource>,
     candidates: Vec<(String, Candidate)>,
@@ -74,7 +74,7 @@ pub(super) struct Measured<'a> {
 }
 
 impl<'a> Measured<'a> {
-    /// `lsdc` on the frames, protocol and points of the context.
+    /// Evaluates `lsdc` on the frames, protocol and points of the context.
     pub(super) fn new(context: &'a ExperimentContext, name: impl Into<String>) -> Self {
         Self {
             context,
@@ -93,7 +93,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// Methods of this program, in the place of `lsdc` alone.
+    /// Sets the methods, instead of `lsdc` alone.
     pub(super) fn methods(mut self, methods: &[Method]) -> Self {
         let named = |method: &Method| (method.name().to_owned(), Candidate::Method(*method));
         self.candidates = methods.iter().map(named).collect();
@@ -113,7 +113,7 @@ impl<'a> Measured<'a> {
         self
     }
 
-    /// `lsdc` beside guides.
+    /// Sets the guides of `lsdc`.
     pub(super) fn guides(mut self, guides: Option<GuideSource>) -> Self {
         self.guides = guides;
         self
@@ -129,7 +129,7 @@ impl<'a> Measured<'a> {
         self
     }
 
-    /// Measures its standard deviations too.
+    /// Also evaluates its standard deviations.
     pub(super) fn uncertainty(mut self) -> Self {
         self.uncertainty = true;
         self
@@ -147,7 +147,7 @@ impl<'a> Measured<'a> {
         self
     }
 
-    /// The same protocol at another size.
+    /// Sets a protocol of another size.
     pub(super) fn resized(mut self, protocol: Protocol, protocol_name: &str) -> Self {
         self.protocol = protocol;
         protocol_name.clone_into(&mut self.protocol_name);
@@ -161,7 +161,7 @@ impl<'a> Measured<'a> {
         self
     }
 
-    /// The paper's fit of the same basis functions.
+    /// Sets the paper's fit for the same basis functions.
     pub(super) fn paper_fit(self) -> Self {
         self.fit(|fit| {
             fit.method = FitMethod::Lse;
@@ -169,7 +169,7 @@ impl<'a> Measured<'a> {
         })
     }
 
-    /// Another network than that of the context.
+    /// Sets another network than that of the context.
     pub(super) fn completer(mut self, completer: Completer, weights: String) -> Self {
         (self.completer, self.weights) = (completer, weights);
         self
@@ -213,19 +213,19 @@ impl<'a> Measured<'a> {
         })
     }
 
-    /// What was measured.
+    /// Returns the report of the evaluation.
     pub(super) fn report(&self) -> Result<EvaluationReport> {
         self.resume(&mut |_| ControlFlow::Continue(()))
     }
 
-    /// Each method's name and mean scores.
+    /// Returns each method's name and mean scores.
     pub(super) fn means(&self) -> Result<Vec<(String, Scores)>> {
         let report = self.report()?;
         let means = report.means(None).into_iter();
         Ok(means.map(|m| (m.method.to_owned(), m.mean)).collect())
     }
 
-    /// The mean scores of its first method.
+    /// Returns the mean scores of the first method.
     pub(super) fn first_scores(&self) -> Result<Scores> {
         let means = self.means()?;
         means
@@ -234,7 +234,7 @@ impl<'a> Measured<'a> {
             .ok_or_else(|| Error::config(format!("`{}` has measured nothing", self.name)))
     }
 
-    /// The frame with the first method's median RMSE.
+    /// Returns the frame with the first method's median RMSE.
     pub(super) fn median_frame(&self) -> Result<Option<(String, u64)>> {
         let report = self.report()?;
         let remarkable = report.example_frames();
@@ -245,12 +245,12 @@ impl<'a> Measured<'a> {
         Ok(frame.map(|(_, frame, seed)| ((*frame).to_owned(), *seed)))
     }
 
-    /// Adds a picture of that frame.
+    /// Adds a picture of the frame with the median RMSE.
     pub(super) fn show(&self, section: &mut Section, caption: &str) -> Result<()> {
         self.show_named(section, "frame", caption)
     }
 
-    /// The same under another name.
+    /// Adds this picture under another name.
     pub(super) fn show_named(
         &self,
         section: &mut Section,
@@ -264,7 +264,7 @@ impl<'a> Measured<'a> {
         Ok(())
     }
 
-    /// A frame with all predictions.
+    /// Returns a frame with all predictions.
     pub(super) fn exhibit(&self, frame: &str, seed: u64) -> Result<ExampleFrame> {
         self.evaluation().example("median", frame, seed)
     }
@@ -289,7 +289,7 @@ impl Trial for Measured<'_> {
     }
 }
 
-/// A network trained and then measured.
+/// A network that is trained and then evaluated.
 pub(super) struct TrainedNetwork<'a> {
     context: &'a ExperimentContext,
     name: String,
@@ -297,10 +297,10 @@ pub(super) struct TrainedNetwork<'a> {
     frames: Arc<dyn Dataset>,
 }
 
-/// Measurements on frames kept out of training, evenly over the steps.
+/// Number of evaluations on held-out frames during training, evenly spaced.
 pub(super) const EPOCHS: usize = 8;
 
-/// How much of the time of a step of training the measuring of a frame takes, roughly.
+/// Approximate time of evaluating a frame, relative to a training step.
 const FRAME: f64 = 0.2;
 
 impl<'a> TrainedNetwork<'a> {
@@ -318,7 +318,7 @@ impl<'a> TrainedNetwork<'a> {
         }
     }
 
-    /// The run's folder.
+    /// Returns the folder of the run.
     pub(super) fn folder(&self) -> PathBuf {
         self.context.runs().join(&self.name)
     }
@@ -343,13 +343,13 @@ impl<'a> TrainedNetwork<'a> {
         let train = &self.context.recipe.train;
         TrainConfig {
             measure_every: train.steps.div_ceil(EPOCHS),
-            // The plain fit: nothing is learned of weights.
+            // The plain fit: no prior over weights is learned.
             calibrate: false,
             ..train.clone()
         }
     }
 
-    /// Refuses to go on with, or to measure, a training by other settings.
+    /// Rejects resuming or evaluating a training with other settings.
     fn check_recipe(&self) -> Result<()> {
         let folder = self.folder();
         let config = self.config();
@@ -360,7 +360,7 @@ impl<'a> TrainedNetwork<'a> {
             "numerics": provenance::numerics(),
             "network": self.network,
             "fit": fit,
-            // Weights to start from count by their contents, wherever they lie.
+            // Start weights are identified by their contents, independent of their location.
             "training": TrainConfig { start: None, ..config },
             "start": start,
             "frames": lsdc_eval::data::frames_record(&*self.frames),
@@ -369,17 +369,17 @@ impl<'a> TrainedNetwork<'a> {
         check_or_write_recipe(&folder, &recipe)
     }
 
-    /// Whether its weights are there.
+    /// Returns whether the trained weights exist.
     pub(super) fn is_trained(&self) -> bool {
         self.weights().exists()
     }
 
-    /// The trained network on the context's frames.
+    /// Evaluates the trained network on the context's frames.
     pub(super) fn measured(&self) -> Result<Measured<'a>> {
         self.measured_as(&self.name)
     }
 
-    /// The same under another name.
+    /// Evaluates the trained network under another name.
     pub(super) fn measured_as(&self, name: &str) -> Result<Measured<'a>> {
         let weights = self.weights();
         let completer = open_completer(Some(&weights), &self.context.device.0)?;
@@ -388,7 +388,7 @@ impl<'a> TrainedNetwork<'a> {
     }
 }
 
-/// Trains until all steps are made, or `progress`, which gets their number, breaks off.
+/// Trains until all steps are complete, or `progress`, which receives their number, stops the training.
 pub(super) fn train<S: Subject>(
     trainer: &Trainer<S>,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
@@ -403,13 +403,13 @@ pub(super) fn train<S: Subject>(
     })
 }
 
-/// Writes what a training in a folder is made from; refuses the folder of a training by other settings.
+/// Writes the recipe of a training to its folder; rejects a folder with another recipe.
 pub(super) fn check_or_write_recipe(folder: &Path, recipe: &Value) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     let path = folder.join("recipe.json");
     match std::fs::read_to_string(&path) {
         Ok(there) => {
-            // Numbers are compared as they are read back.
+            // Numbers are compared after a round trip.
             let read = |text: &str| serde_json::from_str(text).unwrap_or_default();
             let differences = differences(&read(&there), &read(&recipe.to_string()));
             match differences.first() {

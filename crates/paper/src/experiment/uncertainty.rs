@@ -1,4 +1,4 @@
-//! Whether predicted standard deviations hold, for few and many points in different patterns.
+//! Calibration of predicted standard deviations, for few and many points in different patterns.
 
 use super::tables::{self, column};
 use super::trial::{Measured, Trial};
@@ -8,7 +8,7 @@ use lsdc_eval::report::{Column, Ranking, Row, Section, Table};
 use lsdc_eval::sampling::Pattern;
 use lsdc_files::error::{Error, Result};
 
-/// Patterns of about 5, 50, 500 and 5,000 points at 304x228. Rows of a laser scanner have many points each.
+/// Patterns of about 5, 50, 500 and 5,000 points at 304x228. Each row of a laser scanner has many points.
 const PATTERNS: [Pattern; 18] = [
     Pattern::Exactly(5),
     Pattern::Grid(118),

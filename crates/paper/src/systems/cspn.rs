@@ -1,5 +1,5 @@
-//! Convolutional spatial propagation (Cheng et al. 2018, `CSPN`): a residual network with a decoder that reads its
-//! levels too predicts a depth, and how much of it every pixel takes from its neighbours in a step of the propagation.
+//! Convolutional spatial propagation (Cheng et al. 2018, `CSPN`): a residual network with a decoder and skip connections
+//! predicts a depth, and the weights of the neighbours of each pixel in a propagation step.
 
 use super::layers::{UpConv, UpConvNorm};
 use super::resnet::{ResNet, ResNetDepth, check_width};
@@ -15,18 +15,18 @@ use lsdc_train::ops::propagate::{NEIGHBOURS, OFFSETS, propagate};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// The sizes of the network; the defaults are those of the published one. Of its 256.078 M parameters 218.122 M are
-/// here: the others belong to layers that the authors' program makes and never runs.
+/// Sizes of the network; the defaults are those of the published one. 218.122 M of its 256.078 M parameters are implemented
+/// here: the others belong to layers that the authors' program creates but never runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CspnConfig {
     /// The encoder.
     pub encoder: ResNetDepth,
-    /// Channels of the first layer, which all others are multiples of.
+    /// Number of channels of the first layer; all others are multiples of it.
     pub width: usize,
-    /// Steps of the propagation.
+    /// Number of propagation steps.
     pub steps: usize,
-    /// A file of `torchvision`'s weights for the encoder, to start from; absent: it starts at random.
+    /// File of `torchvision` weights to initialise the encoder; random if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
 }
@@ -50,7 +50,7 @@ impl CspnConfig {
         check_width(self.width)
     }
 
-    /// How many parameters the authors' program counts that it never uses: four up-projections and a convolution.
+    /// Returns the number of parameters that the authors' program counts but never uses: four up-projections and a convolution.
     pub(super) fn never_run(&self) -> usize {
         let [.., third, _] = self.encoder.channels(self.width);
         let steps = (0..4).map(|step| {
@@ -74,7 +74,7 @@ pub struct Cspn {
     steps: usize,
 }
 
-/// Up-projection with a skip connection from the level of the encoder that has its output size.
+/// Up-projection with a skip connection from the encoder level of its output size.
 #[derive(Module, Debug)]
 struct SkipUpProj {
     first: UpConvNorm,
@@ -145,10 +145,10 @@ impl System for Cspn {
     }
 }
 
-/// The weights of the neighbours of each pixel from the outputs of the network for them: `[n, height, width, 8]` both. The
-/// absolute values of a pixel have the sum 1; 0 where the outputs of all neighbours are 0.
+/// Returns the weights of the neighbours of each pixel, from the outputs of the network: `[n, height, width, 8]` both. The
+/// absolute values of a pixel sum to 1; all are 0 if all outputs are 0.
 fn shares(affinity: Tensor<4>) -> Tensor<4> {
-    /// Far below every affinity.
+    /// Lower bound of the sum, far below every affinity.
     const LEAST: f64 = 1e-12;
     let [n, height, width, _] = affinity.dims();
     let padded = affinity.pad([(1, 1), (1, 1), (0, 0)], 0.0);
@@ -175,7 +175,7 @@ mod tests {
         let affinity = TensorData::new(values, [1, 2, 2, NEIGHBOURS]);
         let shares = shares(Tensor::from_data(affinity, &Device::flex()));
         let shares: Vec<f32> = shares.into_data().iter().collect();
-        // The first pixel has three neighbours: to the right, below, and below to the right.
+        // The first pixel has three neighbours: right, below, and below right.
         let (right, below, beyond) = (9.0 + 3.0, 17.0 + 1.0, 25.0);
         let sum = right + below + beyond;
         let expected = [

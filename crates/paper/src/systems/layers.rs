@@ -1,5 +1,5 @@
-//! What the published networks are made of that ours have not: enlargement by convolutions, pooling by
-//! maxima, convolutions with a bias.
+//! Layers of the published networks that ours do not have: upsampling by convolutions, max pooling, and convolutions with a
+//! bias.
 
 use burn::module::{Module, Param};
 use burn::tensor::module::max_pool2d;
@@ -8,20 +8,19 @@ use burn::tensor::{Tensor, TensorData};
 use lsdc_train::model::layers::{Init, Norm};
 use lsdc_train::ops::conv::{ConvSpec, conv2d};
 
-/// Zeros between the pixels of a map, so that it has twice the size, and a convolution that keeps the
-/// size: the unpooling of Laina et al. 2016 with the convolution behind it, and with three taps the transposed
-/// convolution of stride 2.
+/// Inserts zeros between the pixels of a map, which doubles its size, and applies a convolution that keeps the size: the
+/// unpooling of Laina et al. 2016 with the following convolution; with three taps, a transposed convolution of stride 2.
 ///
-/// Three quarters of what the convolution reads are zeros. It is computed as the four convolutions of the
-/// smaller map that yield the pixels of even and odd rows and columns, as one of three taps.
+/// Three quarters of the inputs of the convolution are zeros. Hence it is computed as four convolutions of the smaller map, for
+/// the pixels of even and odd rows and columns, combined into one convolution of three taps.
 #[derive(Module, Debug)]
 pub(super) struct UpConv {
-    /// `[to, from, taps, taps]` over the map with zeros.
+    /// Weights `[to, from, taps, taps]` for the map with zeros.
     weight: Param<Tensor<4>>,
 }
 
 impl UpConv {
-    /// With 3 or 5 taps. Random weights have the variance `2 / (taps^2 fan)`.
+    /// Creates a layer with 3 or 5 taps. Random weights have the variance `2 / (taps^2 fan)`.
     pub(super) fn init(from: usize, to: usize, taps: usize, fan: usize, init: &mut Init) -> Self {
         let deviation = (2.0 / (taps * taps * fan) as f32).sqrt();
         Self {
@@ -29,19 +28,19 @@ impl UpConv {
         }
     }
 
-    /// `[n, height, width, from]` to `[n, rows, columns, to]`, the size being twice that of the map, or one
-    /// less where the map was rounded up.
+    /// Maps `[n, height, width, from]` to `[n, rows, columns, to]`, twice the size of the map, or one less if the map was
+    /// rounded up.
     pub(super) fn forward(&self, x: Tensor<4>, (rows, columns): (usize, usize)) -> Tensor<4> {
         let [n, height, width, _] = x.dims();
         let weight = self.weight.val();
         let [to, from, taps, _] = weight.dims();
-        // An odd row between two rows of the map reads them by the taps beside the middle, an even one
-        // reads its own row by the middle. Tap t of parity p is tap 2 t + 1 - p of these.
+        // An odd row, between two rows of the map, reads them by the taps next to the middle one; an even row reads its own row
+        // by the middle tap. Tap t of parity p is tap 2 t + 1 - p of the weights.
         let (before, after) = if taps == 5 { (1, 0) } else { (2, 1) };
         let weight = weight
             .pad((before, after, before, after), 0.0)
             .reshape([to, from, 3, 2, 3, 2])
-            // Parity 0 comes last there.
+            // Parity 0 is last there.
             .flip([3, 5])
             .permute([3, 5, 0, 1, 2, 4])
             .reshape([4 * to, from, 3, 3]);
@@ -54,7 +53,7 @@ impl UpConv {
     }
 }
 
-/// The first rows and columns of a map.
+/// Returns the first rows and columns of a map.
 fn cut(map: Tensor<4>, (rows, columns): (usize, usize)) -> Tensor<4> {
     let [n, height, width, channels] = map.dims();
     if (rows, columns) == (height, width) {
@@ -63,7 +62,7 @@ fn cut(map: Tensor<4>, (rows, columns): (usize, usize)) -> Tensor<4> {
     map.slice([0..n, 0..rows, 0..columns, 0..channels])
 }
 
-/// Enlargement by a convolution, and normalisation.
+/// Upsampling by a convolution, followed by normalisation.
 #[derive(Module, Debug)]
 pub(super) struct UpConvNorm {
     conv: UpConv,
@@ -91,7 +90,7 @@ pub(super) struct Biased {
 }
 
 impl Biased {
-    /// With an odd number of taps; the size is kept.
+    /// Creates a convolution with an odd number of taps, which keeps the size.
     pub(super) fn init(from: usize, to: usize, taps: usize, init: &mut Init) -> Self {
         let deviation = (2.0 / (taps * taps * to) as f32).sqrt();
         Self {
@@ -112,7 +111,7 @@ impl Biased {
     }
 }
 
-/// The largest of `side` x `side` pixels `step` apart, with a border of `margin`.
+/// Max pooling over `side` x `side` pixels with stride `step`, with a border of `margin`.
 pub(super) fn largest(map: Tensor<4>, side: usize, step: usize, margin: usize) -> Tensor<4> {
     let options = MaxPoolOptions {
         kernel_size: [side; 2],
@@ -124,8 +123,7 @@ pub(super) fn largest(map: Tensor<4>, side: usize, step: usize, margin: usize) -
     max_pool2d(map.permute([0, 3, 1, 2]), options).permute([0, 2, 3, 1])
 }
 
-/// Bilinear interpolation to a height and width between the centres of the outermost pixels, which stay where they
-/// are: `align_corners` of `PyTorch`.
+/// Interpolates bilinearly to a height and width, aligning the centres of the corner pixels: `align_corners` of `PyTorch`.
 pub(super) fn stretched(map: Tensor<4>, (rows, columns): (usize, usize)) -> Tensor<4> {
     let [n, height, width, channels] = map.dims();
     let matrix = |from: usize, to: usize| {
@@ -138,7 +136,7 @@ pub(super) fn stretched(map: Tensor<4>, (rows, columns): (usize, usize)) -> Tens
     map.reshape([n, rows, columns, channels])
 }
 
-/// The matrix `[to, from]` of that interpolation along an axis.
+/// Returns the matrix `[to, from]` of this interpolation along an axis.
 fn stretch(from: usize, to: usize) -> Vec<f32> {
     let mut matrix = vec![0.0; to * from];
     for i in 0..to {
@@ -158,7 +156,7 @@ mod tests {
     use lsdc_core::network::NormKind;
     use lsdc_rng::Rng;
 
-    /// Zeros between the pixels, and the convolution of all of them.
+    /// Inserts zeros between the pixels, and convolves the result.
     fn plainly(layer: &UpConv, x: Tensor<4>, (rows, columns): (usize, usize)) -> Tensor<4> {
         let [n, height, width, channels] = x.dims();
         let zeros = Tensor::zeros_like(&x);

@@ -1,6 +1,6 @@
-//! Learned steering kernels (Liu, Liao, Wang, Geiger and Liu 2021): a network predicts for every pixel of the image how the
-//! Gaussian kernel of a point there is stretched, turned and scaled; depth is the kernel regression of the points;
-//! a second network refines it. As in the authors' `Steering-KernelNet`, or with our own network and no refinement.
+//! Learned steering kernels (Liu, Liao, Wang, Geiger and Liu 2021). For every pixel of the image, a network predicts the
+//! elongation, angle and scale of the Gaussian kernel of a point there; depth is the kernel regression of the points; a second
+//! network refines it. As in the authors' `Steering-KernelNet`, or with our own network and without refinement.
 
 use super::layers::{Biased, largest, stretched};
 use super::regression::{Neighbourhood, SteeringKernels};
@@ -16,35 +16,35 @@ use lsdc_train::model::layers::{Init, Norm};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Which network predicts the kernels.
+/// The network that predicts the kernels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum KernelNetKind {
-    /// The published one, with a single step down and up.
+    /// The published network, with a single step down and up.
     #[default]
     Published,
-    /// That of this program's method, with three outputs in the place of basis functions.
+    /// The network of this program's method, with three outputs instead of basis functions.
     Ours,
 }
 
-/// The sizes of the networks; the defaults are the published ones, with 13.422 M parameters of the refinement, which is
-/// the published number, and 3.065 M of the kernels.
+/// Sizes of the networks; the defaults are the published ones, with 13.422 M parameters of the refinement, as published, and
+/// 3.065 M of the kernels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LskConfig {
-    /// Which network predicts the kernels.
+    /// Network that predicts the kernels.
     pub kernels: KernelNetKind,
-    /// The order of the regression: 0, 1 or 2.
+    /// Order of the regression: 0, 1 or 2.
     pub order: usize,
-    /// Points that a pixel is computed from, the nearest.
+    /// Number of nearest points used for a pixel.
     pub neighbours: usize,
-    /// Whether the weight of far points has a lower bound: `exp(2 tanh(.))` in the place of `exp(.)`.
+    /// Whether the weight of far points has a lower bound: `exp(2 tanh(.))` instead of `exp(.)`.
     pub bounded: bool,
     /// Whether a second network refines the depth.
     pub refine: bool,
-    /// Channels of the first layers, which all others are multiples of.
+    /// Number of channels of the first layers; all others are multiples of it.
     pub width: usize,
-    /// The sizes of our network; absent: those of the preset `sharp`.
+    /// Sizes of our network; those of the preset `sharp` if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub network: Option<NetworkConfig>,
 }
@@ -63,7 +63,7 @@ impl Default for LskConfig {
     }
 }
 
-/// What a kernel has: elongation, angle, scale.
+/// Number of parameters of a kernel: elongation, angle, scale.
 const NUMBERS: usize = 3;
 
 impl LskConfig {
@@ -80,7 +80,7 @@ impl LskConfig {
         Ok(())
     }
 
-    /// Our network for kernels.
+    /// Returns the configuration of our network for kernels.
     pub(super) fn own(&self) -> NetworkConfig {
         NetworkConfig {
             bases: NUMBERS,
@@ -121,13 +121,13 @@ impl Lsk {
         })
     }
 
-    /// The outputs of the network at the pixels of the points `[n, points, 3]`.
+    /// Returns the outputs of the network at the pixels of the points, `[n, points, 3]`.
     fn at_points(&self, input: &SystemInput, pixels: &[Vec<u32>]) -> Tensor<3> {
         let [n, height, width, _] = input.images.dims();
         let count = pixels.first().map_or(0, Vec::len);
         if let Some(net) = &self.own {
             let bases = net.bases(input.images.clone(), None);
-            // The first is the constant 1.
+            // The first basis function is the constant 1.
             return bases.at((height, width), pixels).narrow(2, 1, NUMBERS);
         }
         let Some(net) = &self.published else {
@@ -146,9 +146,9 @@ impl Lsk {
 
 impl System for Lsk {
     fn predict(&self, input: &SystemInput) -> SystemOutput {
-        /// No kernel is a line.
+        /// Lower bound of elongations and scales, so that no kernel degenerates to a line.
         const LEAST: f64 = 1e-5;
-        /// Elongations and scales are below this.
+        /// Upper bound of elongations and scales.
         const MOST: f64 = 6.0;
         let [n, height, width] = input.sparse.dims();
         let points = Neighbourhood::new(&input.sparse, self.neighbours);
@@ -166,7 +166,7 @@ impl System for Lsk {
             return SystemOutput::single(depth);
         };
         let refined = net.forward(input.images.clone(), depth.clone());
-        // Points are kept as they are.
+        // Measured points are preserved.
         let open = input.sparse.clone().sign().neg() + 1.0;
         SystemOutput {
             depth: refined * open + input.sparse.clone(),
@@ -175,7 +175,7 @@ impl System for Lsk {
     }
 }
 
-/// Colours from 0 to 1 of normalised ones.
+/// Converts normalised colours to colours from 0 to 1.
 fn plain(images: &Tensor<4>) -> Tensor<4> {
     let Normalisation {
         mean, deviation, ..
@@ -189,7 +189,7 @@ fn plain(images: &Tensor<4>) -> Tensor<4> {
     images.clone() * row(deviation) + row(mean)
 }
 
-/// Two convolutions, normalised.
+/// Two convolutions with normalisation.
 #[derive(Module, Debug)]
 struct DoubleConv {
     convs: Vec<Biased>,
@@ -212,7 +212,7 @@ impl DoubleConv {
     }
 }
 
-/// A step up: what comes from below is enlarged and joined to the level's own features.
+/// Joins levels of a U-Net: upsamples the lower level and concatenates the features of this level.
 fn joined(below: Tensor<4>, level: Tensor<4>) -> Tensor<4> {
     let [_, height, width, _] = level.dims();
     let [_, rows, columns, _] = below.dims();
@@ -226,7 +226,7 @@ fn joined(below: Tensor<4>, level: Tensor<4>) -> Tensor<4> {
     Tensor::cat(vec![level, below.pad(border, 0.0)], 3)
 }
 
-/// Image to the three numbers of a kernel.
+/// A network that predicts the three parameters of a kernel from an image.
 #[derive(Module, Debug)]
 struct KernelNet {
     first: DoubleConv,
@@ -252,7 +252,8 @@ impl KernelNet {
     }
 }
 
-/// Image and depth to a better depth: a U-Net (Ronneberger et al. 2015) that predicts how likely each of 401 changes is.
+/// A refinement of depth from image and depth: a U-Net (Ronneberger et al. 2015) that predicts the probabilities of 401
+/// changes.
 #[derive(Module, Debug)]
 struct Refinement {
     first: DoubleConv,
@@ -262,13 +263,13 @@ struct Refinement {
     rest: Biased,
 }
 
-/// Changes of depth that are told apart.
+/// Number of discrete changes of depth.
 const CHANGES: usize = 401;
-/// The largest, in metres.
+/// Largest change, in metres.
 const LARGEST: f64 = 4.0;
-/// What is added to the mean of the changes is below this, in metres.
+/// Upper bound of the offset added to the mean change, in metres.
 const REST: f64 = 0.04;
-/// Mean and standard deviation of depths that the network reads, in metres.
+/// Mean and standard deviation for normalising the input depths, in metres.
 const DEPTHS: (f64, f64) = (3.010_474_862_21, 1.079_438_399_77);
 
 impl Refinement {

@@ -1,7 +1,6 @@
-//! The systems that the paper compares itself with, trainable here with the same data, protocol, points and budget:
-//! sparse-to-dense, spatial propagation and learned steering kernels. Each reads the image and the measured depths and
-//! predicts the depth of every pixel; they share no code with the method of this program, whose network never reads a
-//! depth.
+//! The systems compared in the paper, trainable with the same data, protocol, points and budget: sparse-to-dense, spatial
+//! propagation and learned steering kernels. Each predicts the depth of every pixel from the image and the measured depths.
+//! They share no code with the method of this program, whose network does not read depths.
 
 mod cspn;
 mod layers;
@@ -50,7 +49,7 @@ pub enum SystemConfig {
 }
 
 impl SystemConfig {
-    /// Which system it is.
+    /// Returns the kind of system.
     pub fn kind(&self) -> SystemKind {
         match self {
             Self::S2d(_) => SystemKind::S2d,
@@ -71,7 +70,7 @@ impl SystemConfig {
         }
     }
 
-    /// The file of weights that its encoder starts from, if there is one.
+    /// Returns the file of weights to initialise its encoder, if there is one.
     pub fn pretrained(&self) -> Option<&Path> {
         match self {
             Self::S2d(config) => config.pretrained.as_deref(),
@@ -80,7 +79,7 @@ impl SystemConfig {
         }
     }
 
-    /// Parameters that the authors' program counts and never uses.
+    /// Returns the number of parameters that the authors' program counts but never uses.
     pub fn never_run(&self) -> usize {
         match self {
             Self::Cspn(config) => config.never_run(),
@@ -88,7 +87,8 @@ impl SystemConfig {
         }
     }
 
-    /// Fewer parameters than any network of these sizes has: what a file must hold before one is made.
+    /// Returns a lower bound of the number of parameters of a network of these sizes: the minimum that a file must contain
+    /// before a network is allocated.
     pub(crate) fn at_least(&self) -> usize {
         let squares = |width: usize, times: usize| times * width * width;
         match self {
@@ -112,7 +112,7 @@ impl SystemConfig {
         }
     }
 
-    /// What happens to colours before the network: sparse-to-dense only divides them by 255.
+    /// Returns the normalisation of colours: sparse-to-dense only divides them by 255.
     pub fn normalisation(&self, input: [usize; 2]) -> Normalisation {
         let plain = Normalisation {
             mean: [0.0; 3],
@@ -136,7 +136,7 @@ impl SystemConfig {
         self.build(Some(Rng::stream(seed, &["weights"])), device)
     }
 
-    /// Builds the network with weights 0, to be filled.
+    /// Builds the network with zero weights, to be filled later.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -149,7 +149,7 @@ impl SystemConfig {
         let mut init = Init {
             rng,
             norm: NormKind::Batch,
-            // That of PyTorch, with which their authors trained them.
+            // PyTorch's default, used by the authors for training.
             momentum: 0.1,
             device: device.clone(),
         };
@@ -161,17 +161,17 @@ impl SystemConfig {
     }
 }
 
-/// The input of a system: some frames.
+/// The input of a system for some frames.
 #[derive(Clone, Debug)]
 pub struct SystemInput {
-    /// Normalised colours `[n, height, width, 3]`.
+    /// Normalised images `[n, height, width, 3]`.
     pub images: Tensor<4>,
     /// Measured depths `[n, height, width]` in metres; 0 = none.
     pub sparse: Tensor<3>,
 }
 
 impl SystemInput {
-    /// The images of a batch with the points of each draw, draw by draw.
+    /// Returns the images of a batch with the points of each draw, draw by draw.
     pub fn of(batch: &Batch) -> Self {
         let [images, height, width] = batch.maps.dims();
         let draws = batch.draws.dims()[0] / images;
@@ -183,7 +183,7 @@ impl SystemInput {
             .collect();
         let places = TensorData::new(places, [images, batch.points]);
         let places = Tensor::<2, Int>::from_data(places, &device).repeat_dim(0, draws);
-        // What no draw reads adds 0 to the first pixel.
+        // Points that a draw does not read add 0 to the first pixel.
         let read = batch.measured.clone().repeat_dim(0, draws) * batch.draws.clone();
         let empty = Tensor::<2>::zeros([draws * images, height * width], &device);
         let sparse = empty.scatter(1, places, read, IndexingUpdateOp::Add);
@@ -193,7 +193,7 @@ impl SystemInput {
         }
     }
 
-    /// Colours and depths `[n, height, width, 4]`.
+    /// Concatenates colours and depths to `[n, height, width, 4]`.
     fn rgbd(&self) -> Tensor<4> {
         let depths = self.sparse.clone().unsqueeze_dim(3);
         Tensor::cat(vec![self.images.clone(), depths], 3)
@@ -203,9 +203,9 @@ impl SystemInput {
 /// The prediction of a system for some frames.
 #[derive(Clone, Debug)]
 pub struct SystemOutput {
-    /// Depths `[n, height, width]` in metres, which may be of any sign.
+    /// Depths `[n, height, width]` in metres, which may be negative.
     pub depth: Tensor<3>,
-    /// The same before the last part of a system of several, which has losses of its own.
+    /// Depths before the refinement, for a system with several parts; they have separate losses.
     pub unrefined: Option<Tensor<3>>,
 }
 
@@ -218,13 +218,13 @@ impl SystemOutput {
     }
 }
 
-/// A trainable system: image and measured depths to depth.
+/// A trainable system that predicts depth from image and measured depths.
 pub trait System {
-    /// The depths of some frames.
+    /// Predicts the depths of some frames.
     fn predict(&self, input: &SystemInput) -> SystemOutput;
 }
 
-/// The network of any of the systems.
+/// The network of a system.
 #[derive(Module, Debug)]
 #[allow(clippy::large_enum_variant)]
 pub enum SystemNet {
@@ -247,7 +247,7 @@ impl System for SystemNet {
 }
 
 impl SystemNet {
-    /// Lets batch normalisation use its running statistics from now on.
+    /// Makes batch normalisation use its running statistics from now on.
     #[must_use]
     pub fn freeze_statistics(self) -> Self {
         self.map(&mut FreezeStatistics)

@@ -1,4 +1,4 @@
-//! A trained system as a method of completion.
+//! Trained systems as depth completers.
 
 use super::{System as _, SystemInput, SystemNet, SystemWeights};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -14,7 +14,7 @@ use serde_json::{Map, json};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A trained system on a device. Two are equal if they have the same weights.
+/// A trained system on a device. Predictors with the same weights are equal.
 #[derive(Clone, Debug)]
 pub struct Predictor(Arc<LoadedSystem>);
 
@@ -34,14 +34,14 @@ impl PartialEq for Predictor {
 
 impl Eq for Predictor {}
 
-/// How many times more or fewer pixels an image may have than those of the training to be seen as it is.
+/// Largest ratio between the numbers of pixels of an image and of the training images at which the image is not resized.
 const ALIKE: f64 = 1.1;
 
 impl Predictor {
     /// Opens the weights of a system.
     ///
     /// # Errors
-    /// As [`SystemWeights::open`], and tensors that do not belong to the network.
+    /// The errors of [`SystemWeights::open`], or tensors that do not match the network.
     pub fn open(path: &Path, device: &Device) -> Result<Self> {
         Self::new(SystemWeights::open(path)?, device)
     }
@@ -49,13 +49,13 @@ impl Predictor {
     /// Loads weights.
     ///
     /// # Errors
-    /// Tensors that do not belong to the network.
+    /// Tensors do not match the network.
     pub fn new(trained: SystemWeights, device: &Device) -> Result<Self> {
         let net = trained.net(device)?;
         Ok(Self::with(trained, net, device))
     }
 
-    /// A network with weights of its own.
+    /// Combines a network, which has its own weights, with the record of a system.
     pub fn with(trained: SystemWeights, net: SystemNet, device: &Device) -> Self {
         Self(Arc::new(LoadedSystem {
             trained,
@@ -64,22 +64,22 @@ impl Predictor {
         }))
     }
 
-    /// Which system it is.
+    /// Returns the kind of system.
     pub fn kind(&self) -> SystemKind {
         self.0.trained.config.kind()
     }
 
-    /// Its weights and what belongs to them.
+    /// Returns its weights with their metadata.
     pub fn trained(&self) -> &SystemWeights {
         &self.0.trained
     }
 
-    /// Its network.
+    /// Returns its network.
     pub fn net(&self) -> &SystemNet {
         &self.0.net
     }
 
-    /// The same as a candidate of an evaluation, given image and points at a smaller size if that is named.
+    /// Returns the system as a candidate of an evaluation; if `from` is set, image and points are given at this smaller size.
     pub fn candidate(self, from: Option<Size>) -> Candidate {
         let trained = self.trained();
         let made_from = Map::from_iter([
@@ -94,8 +94,9 @@ impl Predictor {
         }
     }
 
-    /// The depth of every pixel. An image with another number of pixels than those of the training is resized to as
-    /// many, and the depth back. Depths are kept within [`RANGE`] times the range of the points, as those of `lsdc`.
+    /// Returns the depth of every pixel. An image with another number of pixels than the training images is resized to about
+    /// that number, and the depth is resized back. Depths are clamped to [`RANGE`] times the range of the points, as for
+    /// `lsdc`.
     ///
     /// # Errors
     /// Image and sparse depths of different sizes, or no point.
@@ -115,7 +116,7 @@ impl Predictor {
         }
     }
 
-    /// The size at which the network sees an image of another number of pixels than it was trained on.
+    /// Returns the size to which an image is resized if its number of pixels differs from that of the training.
     fn working_size(&self, size: Size) -> Option<Size> {
         let [height, width] = self.0.trained.normalisation.input;
         let ratio = (size.height * size.width) as f64 / (height * width) as f64;
@@ -129,7 +130,7 @@ impl Predictor {
         })
     }
 
-    /// The prediction of the network at the size it is given, kept within the widened range of the points.
+    /// Returns the prediction of the network at the given size, clamped to the extended range of the points.
     fn predicted(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         let loaded = &*self.0;
         let (height, width) = (sparse.height(), sparse.width());
@@ -143,7 +144,7 @@ impl Predictor {
             .ok_or_else(|| Error::fit("there is no sparse depth"))?;
         let depth = loaded.net.predict(&input).depth.into_data();
         let (low, high) = (low / RANGE, high * RANGE);
-        // Before it is resized: of a depth below 0 there would be none.
+        // Clamped before resizing: depths below 0 would count as missing.
         let values = depth.iter::<f32>().map(|depth| depth.clamp(low, high));
         Ok(DepthMap::new(width, height, values.collect())?)
     }

@@ -1,4 +1,4 @@
-//! Encoders that start from the weights of `torchvision`, trained on `ImageNet`.
+//! Initialisation of encoders with `torchvision` weights, trained on `ImageNet`.
 
 use super::resnet::torchvision;
 use super::{SystemConfig, SystemNet};
@@ -9,12 +9,12 @@ use lsdc_train::model::weights::fill_part;
 use lsdc_weights::read_tensors;
 use std::collections::BTreeMap;
 
-/// The network as it starts: random from the stream of `seed`, but for the encoder if its settings name a file of
-/// `torchvision`'s weights. Its first layer sees a depth too, and stays random, as in the authors' programs:
-/// normalisation behind it included in sparse-to-dense.
+/// Builds the initial network: random weights from the stream of `seed`, except for the encoder if the settings name a file of
+/// `torchvision` weights. The first layer, which also reads depth, stays random, as in the authors' programs; in
+/// sparse-to-dense, so does its normalisation.
 ///
 /// # Errors
-/// A setting out of range; a file that cannot be read or is of another encoder.
+/// A setting is out of range, or a file cannot be read or is for another encoder.
 pub fn initial_net(config: &SystemConfig, seed: u64, device: &Device) -> Result<SystemNet> {
     let net = config.init(seed, device)?;
     let Some(path) = config.pretrained() else {
@@ -46,7 +46,7 @@ pub fn initial_net(config: &SystemConfig, seed: u64, device: &Device) -> Result<
                 let what = format!("`{published}` has shape {found:?}, expected {expected:?}");
                 return Err(wrong(&what));
             }
-            // The first layer, which is left random.
+            // The first layer stays random.
             None if published.starts_with("conv1.") || published.starts_with("bn1.") => {}
             None => return Err(wrong(&format!("`{published}` is missing"))),
         }

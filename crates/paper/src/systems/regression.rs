@@ -1,5 +1,5 @@
-//! Kernel regression (Takeda, Farsiu and Milanfar 2007) of scattered depths, differentiable in the kernels: at every
-//! pixel a polynomial is fitted to the nearest points, each weighted by its own Gaussian kernel.
+//! Kernel regression (Takeda, Farsiu and Milanfar 2007) of scattered depths, differentiable in the kernels: at every pixel a
+//! polynomial is fitted to the nearest points, each weighted by its own Gaussian kernel.
 
 #[cfg(test)]
 use burn::tensor::Device;
@@ -7,28 +7,28 @@ use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::nearest::NeighbourGrid;
 use rayon::prelude::*;
 
-/// Slopes and curvatures are drawn to 0, by this share of the sum of weights where coordinates count in mean distances
-/// between points: few points on one side shall not lead them away.
+/// Ridge on slopes and curvatures, as a share of the sum of weights, with coordinates in units of the mean distance between
+/// points: it limits extrapolation from few points on one side.
 const SHRINKAGE: f64 = 0.1;
 
-/// The points of some images, and those nearest to every pixel.
+/// The points of some images, and the nearest points of every pixel.
 pub(super) struct Neighbourhood {
-    /// The pixel of each point, equally many for each image: where there are fewer, pixel 0.
+    /// Pixel of each point; lists have the same length and are padded with pixel 0.
     pub(super) pixels: Vec<Vec<u32>>,
-    /// The points nearest to each pixel `[n, pixels * nearest]`.
+    /// Indices of the nearest points of each pixel, `[n, pixels * nearest]`.
     nearest: Tensor<2, Int>,
-    /// Rows and columns from the pixel to each of them, in pixels, `[n, pixels, nearest]`.
+    /// Offsets in rows and columns from the pixel to each nearest point, in pixels, `[n, pixels, nearest]`.
     offsets: [Tensor<3>; 2],
-    /// The mean distance between points, `[n, 1, 1]`.
+    /// Mean distance between points, `[n, 1, 1]`.
     spacing: Tensor<3>,
-    /// Their depths `[n, pixels, nearest]`.
+    /// Depths of the nearest points, `[n, pixels, nearest]`.
     depths: Tensor<3>,
-    /// 1 where there are so many points, else 0.
+    /// 1 if the point exists, 0 for padding.
     there: Tensor<3>,
 }
 
 impl Neighbourhood {
-    /// Of sparse maps `[n, height, width]`; an image without points has a single one of depth 0.
+    /// Finds the points of sparse maps `[n, height, width]`; an image without points has a single point of depth 0.
     pub(super) fn new(sparse: &Tensor<3>, most: usize) -> Self {
         let [n, height, width] = sparse.dims();
         let (device, dtype) = (sparse.device(), sparse.dtype());
@@ -65,14 +65,14 @@ impl Neighbourhood {
         }
     }
 
-    /// Values of the points `[n, points]` at those nearest to each pixel.
+    /// Reads values of the points `[n, points]` at the nearest points of each pixel.
     fn read(&self, values: Tensor<2>) -> Tensor<3> {
         values
             .gather(1, self.nearest.clone())
             .reshape(self.depths.dims())
     }
 
-    /// The value at every pixel `[n, pixels]` of the polynomial of `order` (0, 1 or 2) that is fitted around it.
+    /// Returns the value at every pixel, `[n, pixels]`, of a polynomial of `order` (0, 1 or 2) fitted around it.
     pub(super) fn regress(&self, kernels: &SteeringKernels, order: usize) -> Tensor<2> {
         let weights = self.weights(kernels);
         let [rows, columns] = self
@@ -97,7 +97,7 @@ impl Neighbourhood {
             .iter()
             .map(|w| sum(w.clone() * self.depths.clone()))
             .collect();
-        // The lower triangle of the normal equations.
+        // Lower triangle of the normal equations.
         let mut matrix: Vec<Vec<_>> = weighted
             .iter()
             .enumerate()
@@ -109,7 +109,7 @@ impl Neighbourhood {
             })
             .collect();
         let shrinkage = matrix[0][0].clone() * SHRINKAGE;
-        // All but the constant are eliminated, the last first.
+        // Eliminates all coefficients but the constant, the last one first.
         for last in (1..terms.len()).rev() {
             let row: Vec<Tensor<2>> = matrix.pop().unwrap_or_default();
             let pivot = row[last].clone() + shrinkage.clone();
@@ -127,9 +127,9 @@ impl Neighbourhood {
         right[0].clone() / matrix[0][0].clone()
     }
 
-    /// What each point weighs at each pixel `[n, pixels, nearest]`; the largest 1.
+    /// Returns the weight of each point at each pixel, `[n, pixels, nearest]`; the largest is 1.
     fn weights(&self, kernels: &SteeringKernels) -> Tensor<3> {
-        /// Below every logarithm of a weight.
+        /// Larger than the magnitude of the logarithm of any weight.
         const NEVER: f64 = 1e9;
         let [rows, columns] = self.offsets.clone();
         let [first, both, second] = kernels.precision.clone().map(|part| self.read(part));
@@ -149,22 +149,22 @@ impl Neighbourhood {
     }
 }
 
-/// The kernels of the points of some images.
+/// Kernels of the points of some images.
 pub(super) struct SteeringKernels {
-    /// Their inverse covariances, in units of [`WIDTH`]: rows, rows and columns, columns, each `[n, points]`.
+    /// Inverse covariances, in units of [`WIDTH`]: row-row, row-column and column-column entries, each `[n, points]`.
     pub(super) precision: [Tensor<2>; 3],
-    /// The logarithm of their height in the middle `[n, points]`.
+    /// Logarithms of the heights at the centres, `[n, points]`.
     pub(super) height: Tensor<2>,
-    /// Whether weights have a lower bound: `exp(2 tanh(.))` in the place of `exp(.)`.
+    /// Whether weights have a lower bound: `exp(2 tanh(.))` instead of `exp(.)`.
     pub(super) bounded: bool,
 }
 
-/// The width of kernels in pixels that all precisions refer to: the `h` of Liu et al.
+/// Width of kernels in pixels, the unit of all precisions: the `h` of Liu et al.
 pub(super) const WIDTH: f64 = 5.0;
 
 impl SteeringKernels {
-    /// From elongation and scale, above 0, and angle, each `[n, points]`: the precision is `scale U diag(elongation, 1
-    /// / elongation) U^T` with the rotation U, the height the scale.
+    /// Creates kernels from positive elongation and scale, and angle, each `[n, points]`: the precision is `scale U
+    /// diag(elongation, 1 / elongation) U^T` with the rotation U, and the height is the scale.
     pub(super) fn new(
         elongation: Tensor<2>,
         angle: Tensor<2>,
@@ -186,7 +186,7 @@ impl SteeringKernels {
     }
 }
 
-/// The pixels of a map that have a depth; the first if none has.
+/// Returns the pixels of a map that have a depth; the first pixel if there is none.
 fn points(map: &[f32]) -> Vec<u32> {
     let all = (0..map.len() as u32).filter(|&i| map[i as usize] > 0.0);
     let mut list: Vec<u32> = all.collect();
@@ -196,7 +196,7 @@ fn points(map: &[f32]) -> Vec<u32> {
     list
 }
 
-/// What is nearest to the pixels of one image.
+/// Nearest points of the pixels of an image.
 #[derive(Default)]
 struct NearestPoints {
     nearest: Vec<i32>,
@@ -237,7 +237,7 @@ impl NearestPoints {
     }
 }
 
-/// Equal values of some points.
+/// Returns a constant tensor of values of points.
 #[cfg(test)]
 fn constant(value: f32, count: usize, device: &Device) -> Tensor<2> {
     Tensor::from_data(TensorData::new(vec![value; count], [1, count]), device)
@@ -250,7 +250,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (12, 15);
 
-    /// Some points of a function of row and column.
+    /// Returns a sparse map of a function of row and column at random points.
     fn sparse(of: impl Fn(f32, f32) -> f32, points: usize, device: &Device) -> Tensor<3> {
         let mut rng = Rng::stream(3, &["points"]);
         let mut map = vec![0.0; SIZE.0 * SIZE.1];

@@ -1,5 +1,5 @@
-//! The residual network (He et al. 2016) in the form of `torchvision`, without its classifier: colours and depth to
-//! features at up to a thirty-second of the resolution.
+//! The residual network (He et al. 2016) as in `torchvision`, without its classifier: from colours and depth to features at up
+//! to a thirty-second of the resolution.
 
 use super::layers::largest;
 use burn::module::Module;
@@ -10,7 +10,7 @@ use lsdc_train::model::layers::{Conv, ConvNorm, Init, Norm};
 use lsdc_train::ops::conv::ConvSpec;
 use serde::{Deserialize, Serialize};
 
-/// How deep a network is.
+/// Depth of a network, in layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResNetDepth {
@@ -22,7 +22,7 @@ pub enum ResNetDepth {
 }
 
 impl ResNetDepth {
-    /// Its name.
+    /// Returns its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::ResNet18 => "resnet18",
@@ -37,7 +37,7 @@ impl ResNetDepth {
         }
     }
 
-    /// Channels of a stage over those of its blocks.
+    /// Returns the ratio of the output channels of a stage to the channels of its blocks.
     fn expansion(self) -> usize {
         match self {
             Self::ResNet18 => 1,
@@ -45,13 +45,13 @@ impl ResNetDepth {
         }
     }
 
-    /// Channels behind each stage, for a first layer of `width` channels.
+    /// Returns the output channels of each stage, for a first layer of `width` channels.
     pub(super) fn channels(self, width: usize) -> [usize; 4] {
         [1, 2, 4, 8].map(|times| times * width * self.expansion())
     }
 }
 
-/// Checks the number of channels of the first layer, 64 as published.
+/// Checks the number of channels of the first layer; 64 in the published networks.
 pub(super) fn check_width(width: usize) -> Result<()> {
     if width.is_multiple_of(2) && (2..=256).contains(&width) {
         return Ok(());
@@ -84,11 +84,11 @@ struct Block {
     shortcut: Option<ConvNorm>,
 }
 
-/// The outputs of a network at each level of resolution.
+/// Outputs of a network at each level of resolution.
 pub(super) struct Levels {
-    /// The first convolution alone, at a half.
+    /// Output of the first convolution alone, at half the resolution.
     pub(super) stem: Tensor<4>,
-    /// Behind each stage: at a quarter, an eighth, a sixteenth and a thirty-second.
+    /// Outputs of the stages, at a quarter, an eighth, a sixteenth and a thirty-second of the resolution.
     pub(super) stages: [Tensor<4>; 4],
 }
 
@@ -129,7 +129,7 @@ impl ResNet {
         }
     }
 
-    /// `[n, height, width, inputs]` to features.
+    /// Computes features from `[n, height, width, inputs]`.
     pub(super) fn forward(&self, x: Tensor<4>) -> Levels {
         let stem = self.stem.conv.forward(x);
         let x = self.stem.norm.forward(stem.clone(), true);
@@ -191,7 +191,7 @@ impl Block {
     }
 }
 
-/// The name that `torchvision` gives a tensor of this network; nothing for names of anything else.
+/// Returns the `torchvision` name of a tensor of this network; `None` for other names.
 pub(super) fn torchvision(name: &str) -> Option<String> {
     let (place, last) = if let Some(place) = name.strip_suffix(".conv.weight") {
         (place, ("conv", "weight"))

@@ -1,5 +1,5 @@
-//! Sparse-to-dense (Ma and Karaman 2018): colours and sparse depths in one network, a residual one behind which four
-//! steps double the resolution. As in the authors' `sparse-to-dense.pytorch`.
+//! Sparse-to-dense (Ma and Karaman 2018): a residual network that reads colours and sparse depths, followed by four steps that
+//! double the resolution. As in the authors' `sparse-to-dense.pytorch`.
 
 use super::layers::{UpConvNorm, stretched};
 use super::resnet::{ResNet, ResNetDepth, check_width};
@@ -13,18 +13,18 @@ use lsdc_train::ops::conv::ConvSpec;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// The decoder.
+/// Kind of decoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DecoderKind {
     /// The up-projections of Laina et al. 2016.
     #[default]
     UpProj,
-    /// Transposed convolutions of three taps.
+    /// Transposed convolutions with three taps.
     DeConv3,
 }
 
-/// The sizes of the network; the defaults are those of the published one with 63.566 M parameters.
+/// Sizes of the network; the defaults are those of the published one with 63.566 M parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct S2dConfig {
@@ -32,9 +32,9 @@ pub struct S2dConfig {
     pub encoder: ResNetDepth,
     /// The decoder.
     pub decoder: DecoderKind,
-    /// Channels of the first layer, which all others are multiples of.
+    /// Number of channels of the first layer; all others are multiples of it.
     pub width: usize,
-    /// A file of `torchvision`'s weights for the encoder, to start from; absent: it starts at random.
+    /// File of `torchvision` weights to initialise the encoder; random if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
 }
@@ -71,7 +71,7 @@ enum Decoder {
     DeConv(Vec<UpConvNorm>),
 }
 
-/// Two ways to twice the size, added.
+/// Up-projection: the sum of two branches that double the size.
 #[derive(Module, Debug)]
 pub(super) struct UpProj {
     first: UpConvNorm,

@@ -1,5 +1,5 @@
-//! The systems beside `PyTorch` and torchvision: `scripts/golden_systems.py` makes the file, `scripts/peers/systems.py`
-//! restates the publications.
+//! The systems against `PyTorch` and torchvision: `scripts/golden_systems.py` generates the file, `scripts/peers/systems.py`
+//! reimplements the publications.
 
 use super::{System as _, SystemConfig, SystemInput, SystemNet, initial_net};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
@@ -26,14 +26,14 @@ struct Golden {
 #[derive(Deserialize)]
 struct Case {
     config: SystemConfig,
-    /// Which of the ways of filling tensors.
+    /// Index of the method of filling tensors.
     way: usize,
-    /// Name, shape, scale, offset.
+    /// Name, shape, scale, offset of each tensor.
     tensors: Vec<(String, Vec<usize>, f64, f64)>,
     evaluated: Vec<f32>,
     trained: Vec<f32>,
     before: Option<Vec<f32>>,
-    /// Name, length, and product with a direction.
+    /// Name, norm, and product with a direction of each gradient.
     gradients: Vec<(String, f64, f64)>,
 }
 
@@ -76,7 +76,7 @@ impl Golden {
         }
     }
 
-    /// Every so many depths.
+    /// Returns every `step`-th depth.
     fn some(&self, depth: &Tensor<3>) -> Vec<f32> {
         let values: Vec<f32> = depth.clone().into_data().iter().collect();
         values.into_iter().step_by(self.step).collect()
@@ -96,7 +96,7 @@ impl Case {
     }
 }
 
-/// The gradients of a network by the names of its tensors.
+/// Collects the gradients of a network by the names of its tensors.
 struct Read<'a> {
     gradients: &'a GradientsParams,
     path: Vec<String>,
@@ -120,7 +120,7 @@ impl ModuleVisitor for Read<'_> {
     }
 }
 
-/// Sets all numbers of a module to those of twice the length.
+/// Converts all values of a module to double precision.
 struct Double;
 
 impl ModuleMapper for Double {
@@ -135,7 +135,7 @@ impl ModuleMapper for Double {
     }
 }
 
-/// What a network says in training, and its gradients.
+/// The output of a network in training, and its gradients.
 struct Trained {
     depth: Vec<f32>,
     before: Option<Vec<f32>>,
@@ -167,7 +167,7 @@ impl Trained {
         }
     }
 
-    /// Depths within a share of their size.
+    /// Compares depths within a relative tolerance.
     fn depths_agree(&self, case: &Case, share: f32) {
         let name = format!("{:?}", case.config);
         agree(&self.depth, &case.trained, share, &name);
@@ -177,8 +177,8 @@ impl Trained {
         }
     }
 
-    /// Gradients within a share of their length, or of that of the largest: biases before a normalisation change
-    /// nothing, and their gradients are what rounding leaves.
+    /// Compares gradients within a tolerance relative to their norms, or to the largest norm: biases before a normalisation
+    /// have no effect, and their gradients are rounding errors.
     fn gradients_agree(&self, case: &Case, share: f64, of_largest: f64) {
         assert_eq!(self.gradients.len(), case.gradients.len());
         let largest = case.gradients.iter().map(|g| g.1).fold(0.0, f64::max);
@@ -216,7 +216,7 @@ fn depths_and_gradients_are_those_of_pytorch() {
         let output = case.net(&device).predict(&golden.seen(&device));
         agree(&golden.some(&output.depth), &case.evaluated, 1e-4, &name);
 
-        // The fast kernels, then numbers of twice the length.
+        // First the fast kernels, then double precision.
         let device = device.autodiff();
         let (net, input) = (case.net(&device), golden.seen(&device));
         let single = Trained::new(&golden, &net, &input);
@@ -232,7 +232,7 @@ fn depths_and_gradients_are_those_of_pytorch() {
     }
 }
 
-/// A tiny encoder that `PyTorch` saved.
+/// A tiny encoder saved by `PyTorch`.
 const ENCODER: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../../tests/golden/resnet18.pth"
@@ -277,7 +277,7 @@ fn encoders_start_from_files_of_torchvision() {
             assert_eq!(started[&ours], place(theirs), "{ours}");
             assert_ne!(started[&ours], random[&ours], "{ours}");
         }
-        // The first layer sees a depth: it is random, and in sparse-to-dense so is what follows it.
+        // The first layer also reads depth: it is random, and in sparse-to-dense so is its normalisation.
         let stem = format!("{prefix}stem.conv.weight");
         assert_eq!(started[&stem], random[&stem]);
         let gain = format!("{prefix}stem.norm.Batch.gain");
@@ -288,7 +288,7 @@ fn encoders_start_from_files_of_torchvision() {
             }
         }
     }
-    // The first name, as the script fills it.
+    // The first tensor, as filled by the script.
     let tensors = read_tensors(ENCODER.as_ref()).unwrap();
     let name = "bn1.bias";
     let found = tensors[name].values();
@@ -324,13 +324,13 @@ fn parameters_are_as_many_as_published() {
         let (own, never_run) = count(&config);
         own + never_run
     };
-    // Fang et al., table 5. That of learned steering kernels is without the network of the kernels.
+    // Fang et al., table 5. The number of learned steering kernels excludes the network of the kernels.
     assert_eq!(published("s2d"), 63_566_144);
     assert_eq!(published("cspn"), 256_078_272);
     assert_eq!(published("lsk"), 13_421_970 + 3_065_475);
 }
 
-/// A mean that follows by a tenth what stays the same has a tenth of it after a step, 0.19 after two.
+/// With a momentum of a tenth, the running mean of a constant is a tenth of it after a step, 0.19 after two.
 #[test]
 fn running_statistics_follow_by_the_momentum_of_pytorch() {
     let golden = golden();

@@ -1,4 +1,4 @@
-//! Systems as the subject of a training run.
+//! Training of systems.
 
 use super::{
     Predictor, System as _, SystemConfig, SystemInput, SystemNet, SystemWeights, initial_net,
@@ -20,7 +20,7 @@ use std::path::Path;
 /// Prepares the run of a system in `folder`, which must exist.
 ///
 /// # Errors
-/// As [`Trainer::new`], and settings that only basis functions have.
+/// The errors of [`Trainer::new`], or settings that only apply to basis functions.
 pub fn trainer(
     folder: &Path,
     system: SystemConfig,
@@ -40,7 +40,7 @@ pub fn trainer(
     )
 }
 
-/// Whether all settings are of systems.
+/// Checks that all settings apply to systems.
 fn check(system: &SystemConfig, config: &TrainConfig) -> Result<()> {
     let alien = [
         ("calibrate", config.calibrate),
@@ -67,7 +67,7 @@ fn check(system: &SystemConfig, config: &TrainConfig) -> Result<()> {
     .hint("leave it out; `calibrate` must be false, and numbers 0"))
 }
 
-/// Depths near those that are to be found.
+/// Training of a system by comparing its depths with the target depths.
 pub struct DepthObjective {
     loss: LossConfig,
 }
@@ -75,7 +75,7 @@ pub struct DepthObjective {
 impl Objective<SystemNet> for DepthObjective {
     fn losses(&self, net: &SystemNet, batch: &Batch) -> Result<Losses> {
         let output = net.predict(&SystemInput::of(batch));
-        // A system of several parts learns from the outputs of the first of them too.
+        // The unrefined output of a system with several parts has a loss as well.
         Ok(depth_losses(
             output.depth,
             output.unrefined,

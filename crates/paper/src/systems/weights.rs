@@ -1,4 +1,4 @@
-//! Weights files of systems: safetensors, with metadata on what they belong to.
+//! Weights files of systems: safetensors with metadata.
 
 use super::{SystemConfig, SystemNet};
 use burn::tensor::Device;
@@ -16,23 +16,23 @@ use safetensors::tensor::Dtype;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// A trained system with everything that belongs to it.
+/// A trained system with its metadata.
 #[derive(Clone, Debug)]
 pub struct SystemWeights {
-    /// The system and its sizes.
+    /// System with its sizes.
     pub config: SystemConfig,
-    /// The preprocessing of images.
+    /// Preprocessing of images.
     pub normalisation: Normalisation,
-    /// What is known of the training, as JSON by name.
+    /// Notes about the training, as JSON by name.
     pub notes: BTreeMap<String, String>,
-    /// Its tensors by name.
+    /// Tensors by name.
     tensors: BTreeMap<String, Table>,
-    /// A name that changes with every bit of the file, if it comes from one.
+    /// Hash of the file; empty if the weights do not come from a file.
     pub hash: String,
 }
 
 impl SystemWeights {
-    /// Takes the weights out of a network.
+    /// Extracts the weights of a network.
     pub fn of(net: &SystemNet, config: SystemConfig, normalisation: Normalisation) -> Self {
         Self {
             tensors: tables(net),
@@ -40,7 +40,7 @@ impl SystemWeights {
         }
     }
 
-    /// Without weights, for a network that has its own.
+    /// Creates a record without weights, for a network that has its own.
     pub fn empty(config: SystemConfig, normalisation: Normalisation) -> Self {
         Self {
             config,
@@ -51,10 +51,10 @@ impl SystemWeights {
         }
     }
 
-    /// The bytes of a file.
+    /// Encodes a weights file.
     ///
     /// # Errors
-    /// A record that cannot be written as JSON.
+    /// A record cannot be written as JSON.
     pub fn to_bytes(&self, precision: Precision) -> Result<Vec<u8>> {
         let broken = |e: &dyn std::fmt::Display| {
             Error::weights(format!("the weights cannot be written: {e}"))
@@ -72,10 +72,10 @@ impl SystemWeights {
         )
     }
 
-    /// Reads a file.
+    /// Reads a weights file.
     ///
     /// # Errors
-    /// A file that cannot be read, or holds no weights of a system.
+    /// The file cannot be read, or does not contain weights of a system.
     pub fn open(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
         Self::from_bytes(&bytes, path)
@@ -144,15 +144,15 @@ impl SystemWeights {
         })
     }
 
-    /// The network with its weights.
+    /// Builds the network with its weights.
     ///
     /// # Errors
-    /// A tensor that is missing, superfluous or of another shape.
+    /// A tensor is missing, unexpected or of the wrong shape.
     pub fn net(&self, device: &Device) -> Result<SystemNet> {
         fill(self.tensors.clone(), self.config.blank(device)?)
     }
 
-    /// The number of its trained parameters.
+    /// Returns the number of trained parameters.
     ///
     /// # Errors
     /// Settings out of range.

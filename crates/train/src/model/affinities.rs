@@ -1,11 +1,11 @@
-//! How strongly neighbouring pixels are joined.
+//! Affinities between neighbouring pixels.
 
 use burn::tensor::Tensor;
 use lsdc_core::network::{CONTRAST, LEAST_AFFINITY, MAX_LOG_FACTOR};
 
-/// The affinities `[batch, height, width, 2]` with which each pixel of normalised images `[batch,
-/// height, width, 3]` is joined to its right and lower neighbour: `a = 1 / (1 + (dC / CONTRAST)^2) +
-/// LEAST_AFFINITY`, dC being the difference in colour; with changes (f, g), `e^f a^(1 + g)`.
+/// Computes the affinities `[batch, height, width, 2]` between each pixel of normalised images `[batch, height, width, 3]` and
+/// its right and lower neighbour: `a = 1 / (1 + (dC / CONTRAST)^2) + LEAST_AFFINITY`, where dC is the colour difference; with
+/// changes (f, g), `e^f a^(1 + g)`.
 pub(super) fn affinities(images: Tensor<4>, changes: Option<Tensor<4>>) -> Tensor<4> {
     let differences = Tensor::cat(vec![squares(&images, 2), squares(&images, 1)], 3);
     let alike = (differences / (CONTRAST * CONTRAST) + 1.0).recip() + LEAST_AFFINITY;
@@ -22,7 +22,7 @@ pub(super) fn affinities(images: Tensor<4>, changes: Option<Tensor<4>>) -> Tenso
     }
 }
 
-/// Squared differences `[batch, height, width, 1]` to the next pixel along an axis; 0 at the end.
+/// Returns the squared differences `[batch, height, width, 1]` to the next pixel along an axis; 0 at the end.
 fn squares(images: &Tensor<4>, axis: usize) -> Tensor<4> {
     let dims = images.dims();
     let length = dims[axis];
@@ -50,7 +50,7 @@ mod tests {
         let image = Tensor::from_data(TensorData::new(colours, [1, 2, 2, 3]), &Device::flex());
         let found = affinities(image, None).into_data();
         let found: Vec<f32> = found.iter::<f32>().collect();
-        // Right, down of each pixel; the last column and row have no neighbour.
+        // Right and lower affinity of each pixel; the last column and row have no neighbour.
         let expected = [0.5001, 1e-4, 1.0001, 1e-4, 1.0001, 1.0001, 1.0001, 1.0001];
         for (found, expected) in found.iter().zip(expected) {
             assert!((found - expected).abs() < 1e-4, "{found} {expected}");

@@ -1,7 +1,6 @@
-//! The network that separates edges of the depth from edges of the colours: an encoder to a sixteenth of
-//! the resolution and a decoder back to all of it (U-Net, Ronneberger et al. 2015, with sums in the
-//! place of concatenations). It shares nothing with the extractor, so that either can be trained
-//! without the other.
+//! The network that adapts affinities to depth edges rather than colour edges: an encoder down to a sixteenth of the resolution
+//! and a decoder back to full resolution (U-Net, Ronneberger et al. 2015, with sums instead of concatenations). It shares no
+//! layers with the extractor, so either can be trained separately.
 
 use super::grid::enlarged;
 use super::layers::{Conv, ConvNorm, Init};
@@ -13,11 +12,11 @@ use lsdc_kernels::conv::ConvSpec;
 /// The network with its weights.
 #[derive(Module, Debug)]
 pub(super) struct AffinityNet {
-    /// From full resolution down, each at half the resolution of the one before.
+    /// Encoder levels from full resolution down, each at half the resolution of the previous one.
     pub(super) down: Vec<[ConvNorm; 2]>,
-    /// From the features of a pretrained encoder to what is added at the lowest resolution: nothing before training.
+    /// Projection of the features of a pretrained encoder to a term added at the lowest resolution; zero before training.
     pub(super) encoded: Option<Conv>,
-    /// From the lowest resolution up.
+    /// Decoder levels from the lowest resolution up.
     pub(super) up: Vec<UpBlock>,
     pub(super) last: Conv,
 }
@@ -25,7 +24,7 @@ pub(super) struct AffinityNet {
 /// One level of the decoder.
 #[derive(Module, Debug)]
 pub(super) struct UpBlock {
-    /// From the channels of the level below.
+    /// Projection of the channels of the level below.
     pub(super) narrow: Conv,
     pub(super) mix: [ConvNorm; 2],
 }
@@ -65,8 +64,7 @@ impl AffinityNet {
         }
     }
 
-    /// Images `[batch, height, width, 3]` to how edges differ from those of the colours `[batch,
-    /// height, width, CHANGES]`.
+    /// Computes the changes of affinities `[batch, height, width, CHANGES]` from images `[batch, height, width, 3]`.
     pub(super) fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
         let run = |x, layers: &[ConvNorm; 2]| layers.iter().fold(x, |x, l| l.forward_relu(x));
         let mut x = images;

@@ -6,7 +6,7 @@ use burn::tensor::Tensor;
 use lsdc_core::network::{BACKBONE_STEM, BackboneConfig, InvertedBlock};
 use lsdc_kernels::conv::ConvSpec;
 
-/// The stages with their weights.
+/// A backbone with its weights.
 #[derive(Module, Debug)]
 pub(super) struct Backbone {
     pub(super) stem: ConvNorm,
@@ -51,14 +51,14 @@ impl Backbone {
         }
     }
 
-    /// Channels of what `forward` yields.
+    /// Returns the channels of the maps returned by `forward`.
     pub(super) fn reads(&self) -> impl Iterator<Item = usize> {
         let read = self.blocks.iter().filter(|block| block.config.read);
         read.map(|block| block.config.to)
     }
 
-    /// Images `[batch, height, width, 3]` to the outputs `[batch, h, w, channels]` of the last block at each resolution,
-    /// from a quarter of the images' on.
+    /// Computes the outputs `[batch, h, w, channels]` of the last block at each resolution, from a quarter of the resolution of
+    /// the images `[batch, height, width, 3]` down.
     pub(super) fn forward(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
         let mut x = self.stem.forward_relu(images);
         let mut maps = Vec::new();

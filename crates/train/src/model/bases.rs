@@ -1,4 +1,4 @@
-//! The per-pixel MLP, and basis functions that can be read at any pixel of any output size.
+//! The per-pixel MLP, and basis functions evaluated at any pixel of any output size.
 
 use super::extractor::ExtractorOutput;
 use super::layers::{Hidden, Init, Linear};
@@ -15,7 +15,8 @@ use std::ops::Range;
 pub struct BasisHead {
     pub(super) hidden: Vec<Hidden>,
     pub(super) last: Linear,
-    /// To the logarithm of the first function, if that is a map and no backbone predicts it: 0 before training.
+    /// Layer that predicts the logarithm of the first basis function, if that is a map and no backbone predicts it; zero before
+    /// training.
     pub(super) mean: Option<Linear>,
     #[module(skip)]
     pub(super) octaves: usize,
@@ -38,14 +39,14 @@ impl BasisHead {
         }
     }
 
-    /// The last hidden layer of rows `[rows, features + position]`.
+    /// Returns the last hidden layer for rows `[rows, features + position]`.
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         self.hidden.iter().fold(x, |x, layer| layer.forward(x))
     }
 }
 
-/// The basis functions of a batch of images: features `[batch, height / 4, width / 4, channels]`,
-/// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
+/// Basis functions of a batch of images: features `[batch, height / 4, width / 4, channels]`, and the MLP that evaluates them
+/// at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {
     extracted: ExtractorOutput,
@@ -57,15 +58,15 @@ impl Bases {
         Self { extracted, head }
     }
 
-    /// Values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`, the
-    /// first function being the constant 1 or the mean.
+    /// Returns the values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`. The first function is the
+    /// constant 1 or the mean.
     ///
-    /// `pixels[b]` lists `y * width + x` for image `b`, equally many for each.
+    /// `pixels[b]` lists `y * width + x` for image `b`; all lists have the same length.
     pub fn at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<3> {
         self.hidden_at(size, pixels).functions()
     }
 
-    /// What basis functions at pixels, as in [`Bases::at`], are made from.
+    /// Returns the hidden layer from which basis functions at pixels are computed, as in [`Bases::at`].
     pub fn hidden_at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> HiddenBases {
         let encode = |list: &Vec<u32>| encoding::encode(size, list, self.head.octaves);
         self.hidden(
@@ -75,10 +76,10 @@ impl Bases {
         )
     }
 
-    /// [`Bases::hidden_at`] pixels, and the values of all functions at the first `count` of each image.
+    /// Returns [`Bases::hidden_at`], and the values of all functions at the first `count` pixels of each image.
     ///
-    /// Where batch normalisation has fixed statistics, the latter are computed for themselves: the gradient of a part of a
-    /// large tensor is one as large.
+    /// If batch normalisation has fixed statistics, the values are computed separately, because the gradient of a part of a
+    /// large tensor is as large as the tensor.
     pub fn hidden_and_first(
         &self,
         size: (usize, usize),
@@ -96,8 +97,8 @@ impl Bases {
         (hidden, first)
     }
 
-    /// Values at places (u, v) of an output of `size` (height, width) of a single image: `[1, places,
-    /// N + 1]`. Places count in pixels from the centre of the first.
+    /// Returns the values at positions (u, v) of an output of `size` (height, width) of a single image: `[1, places, N + 1]`.
+    /// Positions are in pixels, relative to the centre of the first pixel.
     pub fn at_places(&self, size: (usize, usize), places: &[[f64; 2]]) -> Tensor<3> {
         let hidden = self.hidden(
             [1, places.len()],
@@ -107,7 +108,7 @@ impl Bases {
         hidden.functions()
     }
 
-    /// The MLP where maps are read by `sample`, on their features and the codes of these positions.
+    /// Runs the hidden layers of the MLP on maps read by `sample` and on the codes of the positions.
     fn hidden(
         &self,
         [batch, count]: [usize; 2],
@@ -135,9 +136,9 @@ impl Bases {
         }
     }
 
-    /// Bases x weights over the whole output, for one image: `size.0 * size.1` depths.
+    /// Returns basis functions times weights over the whole output, for one image: `size.0 * size.1` depths.
     ///
-    /// Works on strips of rows, so memory does not grow with the output.
+    /// Processes strips of rows, so that memory use does not grow with the output.
     pub fn combine(&self, size: (usize, usize), weights: &[f32]) -> Vec<f32> {
         const STRIP: usize = 1 << 15;
         let device = self.extracted.features.device();
@@ -157,19 +158,19 @@ impl Bases {
     }
 }
 
-/// The last hidden layer of the MLP at pixels of a batch of images. Basis functions are linear in it, but for the first,
-/// so weighted sums of them need none of them by itself.
+/// The last hidden layer of the MLP at pixels of a batch of images. All basis functions but the first are linear in it, so
+/// weighted sums of them can be computed without evaluating each.
 #[derive(Clone, Debug)]
 pub struct HiddenBases {
     /// `[batch, pixels, width]`
     hidden: Tensor<3>,
-    /// Of the first function, `[batch, pixels, 1]`, if the extractor yields it.
+    /// Logarithm of the first basis function, `[batch, pixels, 1]`, if the extractor predicts it.
     logarithm: Option<Tensor<3>>,
     head: BasisHead,
 }
 
 impl HiddenBases {
-    /// The same at some of the pixels of each image.
+    /// Returns the hidden layer at some of the pixels of each image.
     #[must_use]
     pub fn slice(&self, pixels: Range<usize>) -> Self {
         let batch = self.hidden.dims()[0];
@@ -180,7 +181,7 @@ impl HiddenBases {
         }
     }
 
-    /// The same at every `step`th pixel of each image, from the first on.
+    /// Returns the hidden layer at every `step`th pixel of each image, starting with the first.
     #[must_use]
     pub fn every(&self, step: usize) -> Self {
         Self {
@@ -190,7 +191,7 @@ impl HiddenBases {
         }
     }
 
-    /// The values of all functions, `[batch, pixels, N + 1]`.
+    /// Returns the values of all functions, `[batch, pixels, N + 1]`.
     pub fn functions(&self) -> Tensor<3> {
         let [batch, pixels, _] = self.hidden.dims();
         let first = self.first().reshape([batch * pixels, 1]);
@@ -199,7 +200,7 @@ impl HiddenBases {
         values.reshape([batch, pixels, functions])
     }
 
-    /// The constant or the map, `[batch, pixels, 1]`.
+    /// Returns the first function, the constant or the map, `[batch, pixels, 1]`.
     fn first(&self) -> Tensor<3> {
         let [batch, pixels, _] = self.hidden.dims();
         let logarithm = match (&self.logarithm, &self.head.mean) {
@@ -210,7 +211,7 @@ impl HiddenBases {
         positive(logarithm)
     }
 
-    /// Sums of the functions with weights `[batch, N + 1, sums]`: `[batch, pixels, sums]`. As the product of
+    /// Returns sums of the functions with weights `[batch, N + 1, sums]`: `[batch, pixels, sums]`. Equal to the product of
     /// [`HiddenBases::functions`] and weights, but `N / sums` times cheaper.
     pub fn combine(&self, weights: Tensor<3>) -> Tensor<3> {
         let first = self.first();
@@ -228,18 +229,18 @@ impl HiddenBases {
     }
 }
 
-/// A map from its logarithm.
+/// Returns a map from its logarithm.
 fn positive<const D: usize>(logarithm: Tensor<D>) -> Tensor<D> {
     logarithm.clamp(-MAX_LOG_DEPTH, MAX_LOG_DEPTH).exp()
 }
 
-/// A map of depth at pixels of images of `size` (height, width), `[batch, pixels]`, from its logarithm `[batch, h, w, 1]`.
+/// Returns a depth map at pixels of images of `size` (height, width), `[batch, pixels]`, from its logarithm `[batch, h, w, 1]`.
 pub(super) fn map_at(logarithm: Tensor<4>, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<2> {
     let rows = grid::sample(logarithm, size, pixels);
     positive(rows).reshape([pixels.len(), pixels.first().map_or(0, Vec::len)])
 }
 
-/// Every `step`th of the second axis, from the first on.
+/// Returns every `step`th entry of the second axis, starting with the first.
 pub(crate) fn every<const D: usize>(values: Tensor<D>, step: usize) -> Tensor<D> {
     let some: Vec<i32> = (0..values.dims()[1] as i32).step_by(step).collect();
     let some = TensorData::new(some.clone(), [some.len()]);

@@ -1,4 +1,4 @@
-//! The whole network: images to basis functions and affinities.
+//! The complete network: from images to basis functions and affinities.
 
 use super::affinity_net::AffinityNet;
 use super::bases::{Bases, BasisHead};
@@ -11,16 +11,16 @@ use lsdc_core::network::NetworkConfig;
 use lsdc_files::error::Result;
 use lsdc_rng::Rng;
 
-/// Networks from their sizes.
+/// Construction of networks from their sizes.
 pub trait InitNetwork {
-    /// Builds the network with random weights: He et al. 2015 for convolutions (fan-out, as PSMNet)
-    /// and linear layers, drawn from the stream of `seed`.
+    /// Builds the network with random weights drawn from the stream of `seed`: He et al. 2015 for convolutions (fan-out, as in
+    /// PSMNet) and linear layers.
     ///
     /// # Errors
     /// A setting is out of range.
     fn init(&self, seed: u64, device: &Device) -> Result<BasisNet>;
 
-    /// Builds the network with weights 0, to be filled: random ones take longer than a completion.
+    /// Builds the network with zero weights, to be filled later: drawing random ones takes longer than a completion.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -52,12 +52,12 @@ fn build(config: &NetworkConfig, rng: Option<Rng>, device: &Device) -> Result<Ba
 pub struct BasisNet {
     pub(super) extractor: Extractor,
     pub(super) head: BasisHead,
-    /// Named as the tensors in weights files.
+    /// Named like the tensors in weights files.
     pub(super) edges: Option<AffinityNet>,
 }
 
 impl BasisNet {
-    /// What the backbone's stages see in images `[batch, height, width, 3]`.
+    /// Returns the backbone features of images `[batch, height, width, 3]`.
     #[cfg(test)]
     pub(crate) fn backbone_features(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
         let backbone = self.extractor.backbone.as_ref();
@@ -78,14 +78,14 @@ impl BasisNet {
     }
 
     /// Computes the basis functions of normalised images `[batch, height, width, 3]`. `encoded [batch, rows, columns,
-    /// channels]` are their features by a pretrained encoder, for networks trained on one.
+    /// channels]` are features of a pretrained encoder, for networks trained on one.
     pub fn bases(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Bases {
         Bases::new(self.extractor.forward(images, encoded), self.head.clone())
     }
 
-    /// The map of depth that the backbone suggests of normalised images `[batch, height, width, 3]`, at pixels as in
-    /// [`Bases::at`]: `[batch, pixels]`, up to scale. Nothing else of the network is run. Nothing if it has no backbone
-    /// that predicts such a map.
+    /// Returns the depth map predicted by the backbone from normalised images `[batch, height, width, 3]`, at pixels as in
+    /// [`Bases::at`]: `[batch, pixels]`, up to scale. The rest of the network is not run. `None` without a backbone that
+    /// predicts such a map.
     pub fn map_at(
         &self,
         images: Tensor<4>,
@@ -96,16 +96,15 @@ impl BasisNet {
         Some(bases::map_at(logarithm, size, pixels))
     }
 
-    /// How strongly each pixel of normalised images `[batch, height, width, 3]` is joined to its
-    /// right and lower neighbour, `[batch, height, width, 2]`, above 0: 1 where they do not
-    /// differ.
+    /// Returns the affinities between each pixel of normalised images `[batch, height, width, 3]` and its right and lower
+    /// neighbour, `[batch, height, width, 2]`, above 0; 1 for equal colours.
     pub fn affinities(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
         let edges = self.edges.as_ref();
         let changes = edges.map(|net| net.forward(images.clone(), encoded));
         affinities::affinities(images, changes)
     }
 
-    /// Keeps the affinity network, its statistics included, as it is from now on.
+    /// Freezes the affinity network, including its running statistics.
     #[must_use]
     pub fn fix_affinities(self) -> Self {
         let fixed = |net: AffinityNet| net.no_grad().map(&mut layers::FreezeStatistics);
@@ -115,8 +114,8 @@ impl BasisNet {
         }
     }
 
-    /// Lets batch normalisation use its running statistics from now on, in training too, so that
-    /// the network learns with the very statistics it will be used with.
+    /// Makes batch normalisation use its running statistics from now on, also in training, so that the network is trained with
+    /// the statistics used at inference.
     #[must_use]
     pub fn freeze_statistics(self) -> Self {
         self.map(&mut layers::FreezeStatistics)

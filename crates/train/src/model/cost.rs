@@ -1,4 +1,4 @@
-//! What a network costs to run.
+//! The computational cost of a network.
 
 use super::BasisNet;
 use super::decoder::Decoder;
@@ -6,9 +6,8 @@ use super::parameters::named;
 use burn::module::Module;
 
 impl BasisNet {
-    /// Multiplications with weights, each with an addition, for an image of `size` (height, width)
-    /// whose basis functions are read at every pixel. Normalisation, pooling and resizing are not
-    /// counted.
+    /// Returns the number of multiply-adds with weights for an image of `size` (height, width) whose basis functions are
+    /// evaluated at every pixel. Normalisation, pooling and resizing are not counted.
     pub fn multiply_adds(&self, (height, width): (usize, usize)) -> u64 {
         let pixels = |step: usize| (height.div_ceil(step) * width.div_ceil(step)) as u64;
         let extractor = &self.extractor;
@@ -67,7 +66,7 @@ impl BasisNet {
     }
 }
 
-/// Numbers that a module multiplies with, gains and shifts of normalisations left out.
+/// Returns the number of multiplicative weights of a module, without gains and shifts of normalisations.
 fn weights<M: Module>(module: &M) -> u64 {
     named(module)
         .iter()
@@ -86,8 +85,8 @@ mod tests {
     fn a_network_of_the_paper_is_counted_layer_by_layer() {
         let config = NetworkConfig::paper();
         let net = config.init(0, &Device::flex()).unwrap();
-        // By hand, at 64x64: 32x32 pixels at half, 16x16 at a quarter; pools of 32, 16, 8 and 4 leave
-        // 1, 1, 4 and 16 pixels.
+        // Counted by hand at 64x64: 32x32 pixels at half the resolution, 16x16 at a quarter; pools of 32, 16, 8 and 4 leave 1,
+        // 1, 4 and 16 pixels.
         let half = 9 * (3 * 32 + 2 * 32 * 32) + 6 * 9 * 32 * 32;
         let second = 9 * (32 * 64 + 31 * 64 * 64) + 32 * 64;
         let third = 9 * (64 * 128 + 5 * 128 * 128) + 64 * 128;

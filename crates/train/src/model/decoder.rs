@@ -7,15 +7,15 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use lsdc_kernels::conv::ConvSpec;
 
-/// The pyramid, and what its last level is read by: nothing before training.
+/// The pyramid, and the layers that read its last level, which are zero before training.
 #[derive(Module, Debug)]
 pub(super) struct Decoder {
-    /// From the outputs of the backbone, the finest first.
+    /// Projections of the outputs of the backbone, the finest first.
     pub(super) lateral: Vec<Conv>,
     pub(super) mix: Vec<ConvNorm>,
-    /// Added to the features of the extractor.
+    /// Layer added to the features of the extractor.
     pub(super) features: Conv,
-    /// The logarithm of the map of depth, if the network suggests one.
+    /// Layer that predicts the logarithm of the depth map, if the network has one.
     pub(super) map: Option<Conv>,
 }
 
@@ -44,8 +44,8 @@ impl Decoder {
         }
     }
 
-    /// The outputs of the backbone `[batch, h, w, channels]`, the finest first, to the last level, of the resolution of
-    /// the first.
+    /// Computes the last level from the outputs of the backbone `[batch, h, w, channels]`, the finest first, at the resolution
+    /// of the finest.
     pub(super) fn forward(&self, maps: Vec<Tensor<4>>) -> Option<Tensor<4>> {
         let levels = maps.into_iter().zip(self.lateral.iter().zip(&self.mix));
         levels.rev().fold(None, |before, (map, (lateral, mix))| {

@@ -1,4 +1,4 @@
-//! The positional encoding of pixels.
+//! Positional encoding of pixels.
 
 pub(super) use lsdc_core::network::channels;
 use lsdc_core::network::codes;
@@ -17,7 +17,7 @@ pub fn encode(size: (usize, usize), pixels: &[u32], octaves: usize) -> Vec<f32> 
     values
 }
 
-/// Encodes places (u, v) of an image of `size` (height, width), `4 octaves` values each.
+/// Encodes positions (u, v) of an image of `size` (height, width), `4 octaves` values each.
 pub(super) fn encode_places(size: (usize, usize), places: &[[f64; 2]], octaves: usize) -> Vec<f32> {
     let code = |&[u, v]: &[f64; 2]| {
         let mut code = codes([u], size.1, octaves);

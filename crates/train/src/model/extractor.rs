@@ -1,10 +1,9 @@
 //! The feature extractor of PSMNet (Chang and Chen 2018, `feature_extraction`), a spatial pyramid
 //! pooling network that yields features at a quarter of the image's resolution.
 //!
-//! Two departures, so that every input size works: the pools are 32, 16, 8 and 4 instead of 64,
-//! 32, 16 and 8 pixels, and they run in ceil mode, averaging only the pixels inside the map.
-//! More on request: stages at lower resolutions and a pretrained backbone, which add context to the features, and layers
-//! that sharpen them at half the resolution.
+//! Two changes make every input size work: the pools are 32, 16, 8 and 4 instead of 64, 32, 16 and 8 pixels, and they run in
+//! ceil mode, averaging only the pixels inside the map. Optional parts: stages at lower resolutions and a pretrained backbone,
+//! which add context to the features, and layers that sharpen them at half the resolution.
 
 use super::backbone::Backbone;
 use super::decoder::Decoder;
@@ -16,7 +15,7 @@ use burn::tensor::Tensor;
 use lsdc_core::network::{EncoderConfig, ExtractorConfig, StageConfig};
 use lsdc_kernels::conv::ConvSpec;
 
-/// Builds the extractor with its weights; `mean` is whether the network suggests a map of depth.
+/// Builds the extractor with its weights; `mean` is whether the network predicts a depth map.
 pub(super) fn build(config: &ExtractorConfig, mean: bool, init: &mut Init) -> Extractor {
     let plain = ConvSpec::same(1);
     let [first, second, third, fourth] = config.stages;
@@ -112,46 +111,46 @@ pub struct Extractor {
     pub(super) pools: Vec<usize>,
 }
 
-/// The branch that reads the features of a pretrained encoder, at their resolution.
+/// The branch for the features of a pretrained encoder, at their resolution.
 #[derive(Module, Debug)]
 pub(super) struct EncoderBranch {
     pub(super) reduce: ConvNorm,
     pub(super) mix: ConvNorm,
 }
 
-/// A stage at a lower resolution, and what it adds to the features: nothing before training.
+/// A stage at a lower resolution, and its projection added to the features; zero before training.
 #[derive(Module, Debug)]
 pub(super) struct ContextStage {
     pub(super) blocks: Vec<ResidualBlock>,
     pub(super) project: Conv,
 }
 
-/// What is added to the features, enlarged to half the image's resolution: nothing before training.
+/// Layers added to the features, upsampled to half the image's resolution; zero before training.
 #[derive(Module, Debug)]
 pub(super) struct Sharpening {
-    /// From what the first stage saw at that resolution.
+    /// Projection of the output of the first stage at that resolution.
     pub(super) lateral: Conv,
     pub(super) mix: Vec<ConvNorm>,
     pub(super) last: Conv,
 }
 
-/// What an extractor yields.
+/// The output of an extractor.
 #[derive(Clone, Debug)]
 pub struct ExtractorOutput {
     /// `[batch, h, w, channels]`
     pub features: Tensor<4>,
-    /// The logarithm of the map of depth that a backbone suggests, `[batch, h, w, 1]`, at the same resolution.
+    /// Logarithm of the depth map predicted by a backbone, `[batch, h, w, 1]`, at the same resolution.
     pub logarithm: Option<Tensor<4>>,
 }
 
 impl Extractor {
-    /// The last level of the backbone's pyramid.
+    /// Returns the last level of the backbone's pyramid.
     fn decoded(&self, images: Tensor<4>) -> Option<Tensor<4>> {
         let (backbone, decoder) = (self.backbone.as_ref()?, self.decoder.as_ref()?);
         decoder.forward(backbone.forward(images))
     }
 
-    /// The logarithm of the map of depth that the backbone suggests of images, as in [`ExtractorOutput`], without the rest.
+    /// Returns only the logarithm of the depth map predicted by the backbone, as in [`ExtractorOutput`].
     pub(super) fn logarithm(&self, images: Tensor<4>) -> Option<Tensor<4>> {
         let [_, height, width, _] = images.dims();
         let layer = self.decoder.as_ref()?.map.as_ref()?;
@@ -162,8 +161,8 @@ impl Extractor {
         })
     }
 
-    /// Images `[batch, height, width, 3]` to features `[batch, ceil(height / 4), ceil(width / 4), channels]`, or at half the
-    /// resolution if they are sharpened. `encoded [batch, rows, columns, channels]` are the features of a
+    /// Computes features `[batch, ceil(height / 4), ceil(width / 4), channels]`, or at half the resolution if they are
+    /// sharpened, from images `[batch, height, width, 3]`. `encoded [batch, rows, columns, channels]` are features of a
     /// pretrained encoder, for networks trained on one.
     pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> ExtractorOutput {
         let run =
@@ -223,7 +222,7 @@ impl Sharpening {
     }
 }
 
-/// PSMNet's residual block: two convolutions, no ReLU after the sum.
+/// PSMNet's residual block: two convolutions, without ReLU after the sum.
 #[derive(Module, Debug)]
 pub(super) struct ResidualBlock {
     pub(super) first: ConvNorm,

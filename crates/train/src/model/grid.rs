@@ -1,16 +1,15 @@
-//! Features read between pixel centres.
+//! Interpolation of features between pixel centres.
 
 use crate::ops::interpolate::{BilinearCell, interpolate};
 use burn::tensor::Tensor;
 use lsdc_core::bilinear::neighbours;
 
-/// Where a place lies along an axis of the features: two neighbours, and the weight of the second.
+/// A position along an axis of the features: two neighbours, and the weight of the second.
 type Between = (usize, usize, f32);
 
 /// Reads features `[batch, h, w, channels]` at pixels of an image of `size` (height, width).
 ///
-/// `pixels[b]` lists `y * width + x`, equally many for each image; the result is
-/// `[batch * pixels, channels]`.
+/// `pixels[b]` lists `y * width + x`, with the same length for each image; the result is `[batch * pixels, channels]`.
 pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<2> {
     let [_, h, w, _] = features.dims();
     let (rows, columns) = (axis(size.0, h), axis(size.1, w));
@@ -22,7 +21,7 @@ pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u3
     read(features, lists.collect())
 }
 
-/// Reads features `[1, h, w, channels]` at places (u, v) of an image of `size` (height, width):
+/// Reads features `[1, h, w, channels]` at positions (u, v) of an image of `size` (height, width):
 /// `[places, channels]`.
 pub(super) fn sample_places(
     features: Tensor<4>,
@@ -34,7 +33,7 @@ pub(super) fn sample_places(
     read(features, vec![places.iter().map(cell).collect()])
 }
 
-/// Bilinear enlargement of features `[batch, h, w, channels]` to `size` (height, width).
+/// Upsamples features `[batch, h, w, channels]` bilinearly to `size` (height, width).
 pub(super) fn enlarged(features: Tensor<4>, size: (usize, usize)) -> Tensor<4> {
     let [batch, h, w, channels] = features.dims();
     let (rows, columns) = (axis(size.0, h), axis(size.1, w));
@@ -43,7 +42,7 @@ pub(super) fn enlarged(features: Tensor<4>, size: (usize, usize)) -> Tensor<4> {
     read(features, vec![cells; batch]).reshape([batch, size.0, size.1, channels])
 }
 
-/// Where the pixels of an axis of length `from` lie along one of length `to`.
+/// Returns the positions of the pixels of an axis of length `from` along one of length `to`.
 fn axis(from: usize, to: usize) -> Vec<Between> {
     let pixels = 0..from;
     pixels.map(|i| between(i as f64, from, to)).collect()
@@ -54,7 +53,7 @@ fn between(place: f64, from: usize, to: usize) -> Between {
     (low, high, share as f32)
 }
 
-/// A cell of a map of features of width `w`.
+/// Returns a cell of a feature map of width `w`.
 fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> BilinearCell {
     let row = |row: usize, column: usize| (row * w + column) as u32;
     BilinearCell {
@@ -68,7 +67,7 @@ fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> Bilin
     }
 }
 
-/// Features `[images, h, w, channels]` at cells of each image.
+/// Interpolates features `[images, h, w, channels]` in the cells of each image.
 fn read(features: Tensor<4>, cells: Vec<Vec<BilinearCell>>) -> Tensor<2> {
     let [images, h, w, channels] = features.dims();
     interpolate(features.reshape([images, h * w, channels]), cells)
@@ -86,7 +85,7 @@ mod tests {
             .collect();
         let map = Tensor::<4>::from_data(TensorData::new(ramp, [1, 3, 4, 1]), &Device::flex());
         let large: Vec<f32> = enlarged(map, (6, 8)).into_data().iter().collect();
-        // Centres of pixels lie at (i + 0.5) / 2 - 0.5; beyond the outer ones, nothing changes.
+        // Pixel centres are at (i + 0.5) / 2 - 0.5; outside the outer ones, values are constant.
         let place = |i: usize, last: f32| (f32::midpoint(i as f32, 0.5) - 0.5).clamp(0.0, last);
         for (i, value) in large.into_iter().enumerate() {
             let expected = place(i % 8, 3.0) + 10.0 * place(i / 8, 2.0);

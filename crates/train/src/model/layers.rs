@@ -9,23 +9,23 @@ use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_core::network::{CHANNELS_PER_GROUP, EPSILON, NormKind};
 use lsdc_rng::Rng;
 
-/// How far the running statistics of batch normalisation follow each batch: slowly, because batches are small.
+/// Weight of each batch in the running statistics of batch normalisation: small, because batches are small.
 pub const MOMENTUM: f64 = 0.01;
 
-/// What every layer needs to be built.
+/// Settings for building layers.
 pub struct Init {
     /// Source of random weights; without it they are 0.
     pub rng: Option<Rng>,
-    /// Which normalisation the layers have.
+    /// Kind of normalisation.
     pub norm: NormKind,
-    /// Of batch normalisation.
+    /// Momentum of batch normalisation.
     pub momentum: f64,
-    /// Where the parameters are.
+    /// Device of the parameters.
     pub device: Device,
 }
 
 impl Init {
-    /// Normal values of the given standard deviation.
+    /// Draws normal values with the given standard deviation.
     pub fn normal<const D: usize>(
         &mut self,
         shape: [usize; D],
@@ -40,7 +40,7 @@ impl Init {
     }
 }
 
-/// Batch normalisation: with the batch's own statistics while `training`, running ones otherwise.
+/// Batch normalisation: with the statistics of the batch while `training`, with running ones otherwise.
 #[derive(Module, Debug)]
 pub struct BatchNorm {
     gain: Param<Tensor<1>>,
@@ -92,7 +92,7 @@ impl BatchNorm {
         normalise(x, gain, shift, mean, variance, spec)
     }
 
-    /// The normalisation by running statistics, unless the network trains with those of each batch.
+    /// Returns the normalisation with running statistics; `None` if the network is training with those of each batch.
     fn fixed(&self, device: &Device) -> Option<FixedNorm> {
         let own = device.is_autodiff() && self.training.is_enabled();
         (!own).then(|| FixedNorm {
@@ -105,7 +105,7 @@ impl BatchNorm {
 
     fn follow(&self, running: &RunningState<Tensor<1>>, now: Tensor<1>) {
         running.update(running.value() * (1.0 - self.momentum) + now * self.momentum);
-        // Written through at once: a checkpoint must hold the last batch too.
+        // Written immediately, so that a checkpoint includes the last batch.
         running.value_sync();
     }
 }
@@ -119,17 +119,17 @@ impl ModuleMapper for FreezeStatistics {
     }
 }
 
-/// Either normalisation.
+/// Batch or group normalisation.
 #[derive(Module, Debug)]
 pub enum Norm {
-    /// By the statistics of batches.
+    /// Statistics of batches.
     Batch(BatchNorm),
-    /// By those of groups of channels.
+    /// Statistics of groups of channels.
     Group(GroupNorm),
 }
 
 impl Norm {
-    /// Gain 1, shift 0.
+    /// Creates a normalisation with gain 1 and shift 0.
     pub fn init(channels: usize, init: &Init) -> Self {
         match init.norm {
             NormKind::Batch => Self::Batch(BatchNorm::init(channels, init.momentum, &init.device)),
@@ -140,7 +140,7 @@ impl Norm {
         }
     }
 
-    /// What a batch normalisation does with fixed statistics, if this is one that has them.
+    /// Returns the parameters of a batch normalisation with fixed statistics; `None` for others.
     fn fixed(&self, device: &Device) -> Option<FixedNorm> {
         match self {
             Self::Batch(norm) => norm.fixed(device),
@@ -148,12 +148,12 @@ impl Norm {
         }
     }
 
-    /// `[batch, .., channels]`, followed by ReLU if `relu`.
+    /// Normalises `[batch, .., channels]`, followed by ReLU if `relu`.
     pub fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
         match self {
             Self::Batch(norm) => norm.forward(x, relu),
             Self::Group(norm) => {
-                // burn has the channels second.
+                // burn expects channels second.
                 let x = norm.forward(x.movedim(D - 1, 1)).movedim(1, D - 1);
                 if relu {
                     burn::tensor::activation::relu(x)
@@ -174,7 +174,7 @@ pub struct Conv {
 }
 
 impl Conv {
-    /// Weights of He et al. 2015 (fan-out).
+    /// Initialises weights as in He et al. 2015 (fan-out).
     pub fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
         let fan_out = if spec.depthwise { 1 } else { to };
         let deviation = (2.0 / (kernel * kernel * fan_out) as f32).sqrt();
@@ -182,13 +182,13 @@ impl Conv {
         Self { weight, spec }
     }
 
-    /// Yields 0 before any training.
+    /// Creates a layer that outputs 0 before training.
     pub fn zero(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
         let weight = init.normal([to, from, kernel, kernel], 0.0);
         Self { weight, spec }
     }
 
-    /// `[batch, height, width, from]` to `[batch, height', width', to]`.
+    /// Maps `[batch, height, width, from]` to `[batch, height', width', to]`.
     pub fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         conv2d(x, self.weight.val(), self.spec)
     }
@@ -202,7 +202,7 @@ pub struct ConvNorm {
 }
 
 impl ConvNorm {
-    /// As [`Conv::init`].
+    /// Initialises the convolution as [`Conv::init`].
     pub fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
         Self {
             conv: Conv::init(from, to, kernel, spec, init),
@@ -210,12 +210,12 @@ impl ConvNorm {
         }
     }
 
-    /// Without ReLU: `[batch, height, width, from]` to `[batch, height', width', to]`.
+    /// Maps `[batch, height, width, from]` to `[batch, height', width', to]`, without ReLU.
     pub fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         self.run(x, false)
     }
 
-    /// The same with ReLU.
+    /// Maps like [`forward`](Self::forward), with ReLU.
     pub fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
         self.run(x, true)
     }
@@ -240,7 +240,7 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// Weights of He et al. 2015 (fan-out).
+    /// Initialises weights as in He et al. 2015 (fan-in).
     pub fn init(from: usize, to: usize, init: &mut Init) -> Self {
         let deviation = (2.0 / from as f32).sqrt();
         Self {
@@ -248,19 +248,19 @@ impl Linear {
         }
     }
 
-    /// Yields 0 before any training.
+    /// Creates a layer that outputs 0 before training.
     pub fn zero(from: usize, to: usize, init: &mut Init) -> Self {
         Self {
             weight: init.normal([from, to], 0.0),
         }
     }
 
-    /// `[from, to]`
+    /// Returns the weights, `[from, to]`.
     pub fn weights(&self) -> Tensor<2> {
         self.weight.val()
     }
 
-    /// `[rows, from]` to `[rows, to]`.
+    /// Maps `[rows, from]` to `[rows, to]`.
     pub fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())
     }
@@ -274,7 +274,7 @@ pub struct Hidden {
 }
 
 impl Hidden {
-    /// As [`Linear::init`].
+    /// Initialises the linear map as [`Linear::init`].
     pub fn init(from: usize, to: usize, init: &mut Init) -> Self {
         Self {
             linear: Linear::init(from, to, init),
@@ -282,7 +282,7 @@ impl Hidden {
         }
     }
 
-    /// Whether rows do not depend on each other: statistics are not those of the batch.
+    /// Returns whether rows are independent, because the statistics are not those of the batch.
     pub fn is_fixed(&self, device: &Device) -> bool {
         match &self.norm {
             Norm::Batch(norm) => norm.fixed(device).is_some(),
@@ -290,7 +290,7 @@ impl Hidden {
         }
     }
 
-    /// `[rows, from]` to `[rows, to]`.
+    /// Maps `[rows, from]` to `[rows, to]`.
     pub fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         match self.norm.fixed(&x.device()) {
             None => self.norm.forward(self.linear.forward(x), true),

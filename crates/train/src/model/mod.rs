@@ -1,6 +1,5 @@
-//! The network on burn's tensors, to be trained on every device: image to basis functions and
-//! affinities. It reads no file and no dataset, and never a sparse depth. Its sizes are those of
-//! `lsdc_core::network`, which prepares it for the CPU.
+//! The network on burn's tensors, trainable on every device: from images to basis functions and affinities. It reads no files
+//! or datasets, and no sparse depths. Its sizes are defined in `lsdc_core::network`, which prepares it for the CPU.
 
 mod affinities;
 mod affinity_net;

@@ -1,4 +1,4 @@
-//! The network on any device of burn, as completion uses one.
+//! The network on any burn device, for completion.
 
 use super::{Bases, BasisNet, VisionTransformer};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -6,7 +6,7 @@ use lsdc_core::network::{Basis, Encoder, FeatureMap, Forward, Network, PATCH, in
 use lsdc_core::{Error, Result, WeightsError};
 use std::sync::Arc;
 
-/// A network as it was trained, on a device: the plain reference of the prepared one.
+/// A trained network on a device: the plain reference of the prepared one.
 #[derive(Clone, Debug)]
 pub struct OnDevice {
     net: BasisNet,
@@ -14,7 +14,7 @@ pub struct OnDevice {
     device: Device,
 }
 
-/// The pretrained encoder below a network.
+/// The pretrained encoder of a network.
 #[derive(Clone, Debug)]
 pub enum AnyEncoder {
     /// Prepared for the CPU.
@@ -24,7 +24,7 @@ pub enum AnyEncoder {
 }
 
 impl OnDevice {
-    /// A network whose weights are on that device, on top of an encoder if it was trained on one.
+    /// Wraps a network with weights on `device`, with an encoder if it was trained on one.
     pub fn new(net: BasisNet, encoder: Option<AnyEncoder>, device: &Device) -> Self {
         Self {
             net,
@@ -52,7 +52,7 @@ impl OnDevice {
     }
 }
 
-/// The features of some images of one size, `[images, rows, columns, channels]`.
+/// Concatenates the features of images of the same size, `[images, rows, columns, channels]`.
 pub fn encoded_tensor(images: &[&FeatureMap], device: &Device) -> Tensor<4> {
     let values: Vec<f32> = images
         .iter()
@@ -64,7 +64,7 @@ pub fn encoded_tensor(images: &[&FeatureMap], device: &Device) -> Tensor<4> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// An image with its features.
+/// The features of an image.
 #[derive(Debug)]
 struct DeviceForward {
     net: BasisNet,

@@ -9,18 +9,18 @@ use std::collections::BTreeMap;
 pub struct NamedTensor {
     /// The path, its parts joined by dots.
     pub name: String,
-    /// Its values.
+    /// Values of the tensor.
     pub data: TensorData,
 }
 
-/// All float tensors of a module.
+/// Returns all float tensors of a module.
 pub fn named<M: Module>(module: &M) -> Vec<NamedTensor> {
     let mut collector = Collector::default();
     module.visit(&mut collector);
     collector.found
 }
 
-/// The same as weights files hold them.
+/// Returns all float tensors of a module in the format of weights files.
 pub fn tables<M: Module>(module: &M) -> BTreeMap<String, Table> {
     let tables = named(module).into_iter().filter_map(|tensor| {
         let values = tensor.data.iter::<f32>().collect();
@@ -30,7 +30,7 @@ pub fn tables<M: Module>(module: &M) -> BTreeMap<String, Table> {
     tables.collect()
 }
 
-/// The number of trained parameters: weights, gains and shifts, without running statistics.
+/// Returns the number of trainable parameters: weights, gains and shifts, without running statistics.
 pub fn parameter_count<M: Module>(module: &M) -> usize {
     named(module)
         .into_iter()

@@ -1,8 +1,8 @@
-//! Averages of whole maps over windows.
+//! Average pooling over windows of a map.
 
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Averages `[batch, height, width, channels]` over windows of `pool` x `pool` pixels, cut off at the end: `[batch,
+/// Averages `[batch, height, width, channels]` over windows of `pool` x `pool` pixels, truncated at the end: `[batch,
 /// ceil(height / pool), ceil(width / pool), channels]`.
 pub(super) fn pooling(map: Tensor<4>, pool: usize) -> Tensor<4> {
     let [batch, height, width, channels] = map.dims();
@@ -16,13 +16,13 @@ pub(super) fn pooling(map: Tensor<4>, pool: usize) -> Tensor<4> {
     map.reshape([batch, new_height, new_width, channels])
 }
 
-/// `averages` as a tensor, for any batch.
+/// Returns `averages` as a tensor that broadcasts over batches.
 fn matrix(length: usize, pool: usize, device: &Device) -> Tensor<3> {
     let values = TensorData::new(averages(length, pool), [1, length.div_ceil(pool), length]);
     Tensor::from_data(values, device)
 }
 
-/// Matrix `[ceil(length / pool), length]` of averages over windows cut off at the end.
+/// Returns the matrix `[ceil(length / pool), length]` of averages over windows truncated at the end.
 fn averages(length: usize, pool: usize) -> Vec<f32> {
     let windows = length.div_ceil(pool);
     let mut matrix = vec![0.0; windows * length];

@@ -1,4 +1,4 @@
-//! The prepared network against the plain one, with statistics far from the initial ones.
+//! The prepared network against the plain one, with statistics that differ from the initial ones.
 
 use super::random_encoder::{random_encoder, random_tensors, short};
 use super::{
@@ -27,7 +27,7 @@ fn tensor(values: Vec<f32>, (height, width): (usize, usize)) -> Tensor<4> {
     )
 }
 
-/// A network whose running statistics have seen an image.
+/// Returns a network whose running statistics were updated by an image.
 fn net(config: &NetworkConfig) -> BasisNet {
     let device = Device::flex().autodiff();
     let net = config.init(3, &device).unwrap();
@@ -59,7 +59,7 @@ fn tiny() -> NetworkConfig {
     }
 }
 
-/// Largest difference as a share of the largest value.
+/// Returns the largest difference relative to the largest value.
 fn difference(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
     let largest = b.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
@@ -83,7 +83,7 @@ impl Trained {
         }
     }
 
-    /// With numbers in the place of zeros, so that parts which begin without effect have one.
+    /// Replaces zeros by random values, so that zero-initialised parts have an effect.
     fn filled(config: NetworkConfig) -> Self {
         Self {
             net: net(&config).map(&mut Fill),
@@ -114,7 +114,7 @@ impl Trained {
         let pixels = (0..output.0 * output.1).step_by(7);
         let place = |pixel: usize| [(pixel % output.1) as f64, (pixel / output.1) as f64];
         let centres: Vec<_> = pixels.map(place).collect();
-        // Between pixels, and up to the rim of the image.
+        // Positions between pixels, up to the border of the image.
         let mut rng = Rng::stream(2, &["places"]);
         let mut within = |length: usize| f64::from(rng.unit()) * length as f64 - 0.5;
         let mut between: Vec<_> = (0..60)
@@ -145,7 +145,7 @@ impl Trained {
     }
 }
 
-/// Pixels are read as places are, in training too.
+/// Pixels and positions are read alike, also in training.
 #[test]
 fn pixels_are_places_on_their_centres() {
     let bases = net(&tiny()).bases(tensor(image(20, 30), (20, 30)), None);
@@ -157,7 +157,7 @@ fn pixels_are_places_on_their_centres() {
     assert!(by_pixel.iter::<f32>().eq(by_place.iter::<f32>()));
 }
 
-/// Puts numbers in the place of zeros.
+/// Replaces zeros by random values.
 struct Fill;
 
 impl ModuleMapper for Fill {
@@ -167,7 +167,7 @@ impl ModuleMapper for Fill {
             let mut values: Vec<f32> = data.iter::<f32>().collect();
             if D > 1 && values.iter().all(|v| *v == 0.0) {
                 let mut rng = Rng::stream(9, &["fill"]);
-                // The more there are, the more are added up.
+                // More values are scaled down, because more of them are summed.
                 let scale = 0.3 * (4096.0 / values.len() as f32).min(1.0).sqrt();
                 for value in &mut values {
                     *value = scale * rng.normal();
@@ -196,7 +196,7 @@ proptest! {
     #![proptest_config(ProptestConfig {
         cases: 12,
         failure_persistence: None,
-        // The same cases every time.
+        // The same cases in every run.
         rng_seed: RngSeed::Fixed(1),
         ..ProptestConfig::default()
     })]

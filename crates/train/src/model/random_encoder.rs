@@ -1,4 +1,4 @@
-//! A stand-in for a pretrained encoder, in tests.
+//! A substitute for a pretrained encoder, for tests.
 
 use lsdc_core::network::{Encoder, EncoderConfig};
 use lsdc_core::weights::Tensor as Table;
@@ -7,12 +7,12 @@ use lsdc_rng::Rng;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// An encoder of random weights with as many channels as the one that networks are trained on.
+/// Returns an encoder with random weights and the number of channels that networks are trained on.
 pub(crate) fn random_encoder() -> Arc<Encoder> {
     Arc::new(Encoder::new(short(), &random_tensors(), Level::here()).unwrap())
 }
 
-/// Its sizes.
+/// Returns the sizes of the encoder.
 pub(crate) fn short() -> EncoderConfig {
     EncoderConfig {
         blocks: 4,
@@ -23,7 +23,7 @@ pub(crate) fn short() -> EncoderConfig {
     }
 }
 
-/// Its tensors.
+/// Returns random tensors of the encoder.
 pub(crate) fn random_tensors() -> BTreeMap<String, Table> {
     let config = short();
     let (width, hidden) = (config.width, config.hidden);

@@ -1,4 +1,4 @@
-//! The network as a whole.
+//! Tests of the complete network.
 
 use super::{HiddenBases, InitNetwork as _, parameter_count};
 use burn::module::{Module as _, ModuleMapper, Param};
@@ -15,7 +15,7 @@ fn image(height: usize, width: usize) -> Tensor<4> {
     )
 }
 
-/// Few blocks, so that tests are quick.
+/// A configuration with few blocks, so that tests are fast.
 fn tiny() -> NetworkConfig {
     let mut extractor = ExtractorConfig::slim();
     extractor.stages.iter_mut().for_each(|s| s.blocks = 1);
@@ -30,7 +30,7 @@ fn tiny() -> NetworkConfig {
 
 #[test]
 fn the_paper_preset_has_the_papers_parameters() {
-    // Fang et al. report 3.466 M; PSMNet's layers, counted one by one, give 3,339,552.
+    // Fang et al. report 3.466 M; counting PSMNet's layers gives 3,339,552.
     for norm in [NormKind::Batch, NormKind::Group] {
         let config = NetworkConfig {
             norm,
@@ -84,7 +84,7 @@ fn the_dense_map_is_bases_times_weights() {
     }
 }
 
-/// Moves every parameter, those that are 0 before training too.
+/// Moves every parameter, including those that are 0 before training.
 struct Moved(Rng);
 
 impl ModuleMapper for Moved {

@@ -1,4 +1,4 @@
-//! Weights between files and burn's tensors.
+//! Conversion of weights between files and burn's tensors.
 
 use super::basis_net::{BasisNet, InitNetwork as _};
 use super::parameters::tables;
@@ -10,7 +10,7 @@ use lsdc_core::{Weights, WeightsError};
 use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
 
-/// Takes the weights out of a network.
+/// Extracts the weights of a network.
 pub fn weights_of(net: &BasisNet, network: NetworkConfig, normalisation: Normalisation) -> Weights {
     Weights::new(network, normalisation, tables(net))
 }
@@ -18,16 +18,16 @@ pub fn weights_of(net: &BasisNet, network: NetworkConfig, normalisation: Normali
 /// Builds the network and fills in the weights.
 ///
 /// # Errors
-/// A tensor that is missing, superfluous or of another shape.
+/// A tensor that is missing, unexpected or of the wrong shape.
 pub fn load(weights: &Weights, device: &Device) -> Result<BasisNet> {
     fill(weights.tensors.clone(), weights.network.blank(device)?)
 }
 
-/// Gives a network, which may be another one, the tensors that agree in name and shape; the
-/// others stay as they are. Returns the number of tensors that stayed.
+/// Copies the tensors that agree in name and shape into a network, which may have other sizes; the others stay unchanged.
+/// Returns the number of unchanged tensors.
 ///
 /// # Errors
-/// Not a single tensor agrees.
+/// No tensor agrees.
 pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
     let (net, filler) = Filler::apply(weights.tensors.clone(), net);
     if filler.filled == 0 {
@@ -39,20 +39,20 @@ pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
     Ok((net, filler.wrong.len()))
 }
 
-/// Gives a module all its tensors.
+/// Fills all tensors of a module.
 ///
 /// # Errors
-/// A tensor that is missing, superfluous or of another shape.
+/// A tensor that is missing, unexpected or of the wrong shape.
 pub fn fill<M: Module>(tensors: BTreeMap<String, Table>, module: M) -> Result<M> {
     let (module, filler) = Filler::apply(tensors, module);
     filler.check()?;
     Ok(module)
 }
 
-/// Gives a module these tensors; the others stay as they are.
+/// Fills some tensors of a module; the others stay unchanged.
 ///
 /// # Errors
-/// A tensor that the module has not, or of another shape.
+/// A tensor that the module does not have, or of the wrong shape.
 pub fn fill_part<M: Module>(tensors: BTreeMap<String, Table>, module: M) -> Result<M> {
     let (module, mut filler) = Filler::apply(tensors, module);
     filler.wrong.retain(|(_, reason)| reason != MISSING);
@@ -60,10 +60,10 @@ pub fn fill_part<M: Module>(tensors: BTreeMap<String, Table>, module: M) -> Resu
     Ok(module)
 }
 
-/// What is wrong with a tensor that is not there.
+/// Reason given for a missing tensor.
 const MISSING: &str = "is missing";
 
-/// Gives a module the tensors that agree in name and shape.
+/// Fills the tensors of a module that agree in name and shape.
 struct Filler {
     tensors: BTreeMap<String, Table>,
     path: Vec<String>,
@@ -82,7 +82,7 @@ impl Filler {
         (module.map(&mut filler), filler)
     }
 
-    /// Checks that each tensor of the module was there, and no other.
+    /// Checks that all tensors of the module were present, and no other.
     fn check(self) -> Result<()> {
         let superfluous = self.tensors.keys().min();
         let superfluous = superfluous.map(|name| (name.clone(), "is superfluous".to_owned()));
@@ -134,7 +134,7 @@ mod tests {
         weights_of(&net, network, Normalisation::default())
     }
 
-    /// The name of a running variance, and the tensor with one number replaced.
+    /// Replaces one value of a running variance, and returns the name of its tensor.
     fn with_variance(weights: &mut Weights, value: f32) -> String {
         let mut names = weights.tensors.keys();
         let name = names.find(|n| n.contains("running_var")).unwrap().clone();

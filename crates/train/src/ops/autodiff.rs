@@ -1,4 +1,4 @@
-//! Operations whose gradients are ops of their own, on burn's tape.
+//! Custom operations on burn's tape, with gradients that are operations too.
 
 use burn::backend::Backend;
 use burn::backend::autodiff::Autodiff;
@@ -10,8 +10,8 @@ use std::fmt::{Debug, Formatter};
 
 /// Records the output of an operation on the tape of its `N` differentiable inputs.
 ///
-/// `backward` holds what it needs of the forward pass. From the gradient of the output, and which of the inputs need one, it
-/// computes the gradients of the inputs; those that are not needed may be `None`.
+/// `backward` captures what it needs of the forward pass. From the gradient of the output and the flags of which inputs need
+/// gradients, it computes the gradients of the inputs; gradients that are not needed may be `None`.
 pub(super) fn record<B: Backend, C: CheckpointStrategy, const N: usize>(
     inputs: [NodeGuard; N],
     output: FloatTensor<B>,
@@ -22,7 +22,7 @@ pub(super) fn record<B: Backend, C: CheckpointStrategy, const N: usize>(
         .stateless(output)
 }
 
-/// A backward pass. Burn suggests a type without fields and a state that can be cloned; this runs once, so it is neither.
+/// A backward pass. Burn suggests a type without fields and a cloneable state; this one runs once and needs neither.
 struct Recorded<F>(F);
 
 impl<F> Debug for Recorded<F> {

@@ -1,4 +1,4 @@
-//! What the kernels for GPUs share.
+//! Helpers shared by the GPU kernels.
 
 use burn::tensor::{DType, Shape};
 use burn_cubecl::cubecl::prelude::*;
@@ -6,40 +6,40 @@ use burn_cubecl::cubecl::{self, calculate_cube_count_elemwise};
 use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
 use burn_cubecl::tensor::CubeTensor;
 
-/// Units of a cube: what every WebGPU device offers.
+/// Units per cube: the default limit of WebGPU.
 pub(super) const UNITS: usize = 256;
-/// Cubes in one direction of a launch: likewise.
+/// Largest number of cubes along an axis of a launch: the default limit of WebGPU.
 const CUBES: usize = 65_535;
 
-/// A contiguous tensor of f32 that nothing has been written to.
+/// Returns an uninitialised contiguous f32 tensor.
 pub(super) fn empty(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
     let (client, device) = (like.client.clone(), like.device.clone());
     empty_device_contiguous_dtype(client, device, shape.into(), DType::F32)
 }
 
-/// Cubes of [`UNITS`] for as many units.
+/// Returns the number of cubes of [`UNITS`] for this many units.
 pub(super) fn cubes(like: &CubeTensor, units: usize) -> CubeCount {
     calculate_cube_count_elemwise(&like.client, units, cube())
 }
 
-/// Cubes for `tiles`, of which a kernel numbers its own by [`tile`], times `y`.
+/// Returns the cubes for `tiles`, numbered by [`tile`], times `y`.
 pub(super) fn tiles(tiles: usize, y: usize) -> CubeCount {
     let across = tiles.clamp(1, CUBES);
     CubeCount::Static(across as u32, y as u32, tiles.div_ceil(across) as u32)
 }
 
-/// The tile of a cube among those of [`tiles`], which may be beyond the last.
+/// Returns the tile of a cube, which may be beyond the last one of [`tiles`].
 #[cube]
 pub(super) fn tile() -> usize {
     CUBE_POS_Z as usize * CUBE_COUNT_X as usize + CUBE_POS_X as usize
 }
 
-/// A cube of [`UNITS`].
+/// Returns the size of a cube of [`UNITS`].
 pub(super) fn cube() -> CubeDim {
     CubeDim::new_1d(UNITS as u32)
 }
 
-/// The sum of `parts [parts, ..shape]` over the first axis.
+/// Sums `parts [parts, ..shape]` over the first axis.
 pub(super) fn sum_of_parts(parts: CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
     let result = empty(&parts, shape);
     let count = result.meta.num_elements();

@@ -1,10 +1,10 @@
-//! Tensors of any backend, read and written as f64 on the host.
+//! Conversion of tensors of any backend to and from f64 on the host.
 
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
 use burn::tensor::{DType, TensorData, try_read_sync};
 
-/// The values of a tensor; NaN, which the caller's checks see, if the device has been lost.
+/// Reads the values of a tensor; NaN, which the caller's checks detect, if the device was lost.
 pub(super) fn read<B: Backend>(tensor: FloatTensor<B>) -> Vec<f64> {
     let count = tensor.shape().num_elements();
     match try_read_sync(B::float_into_data(tensor)) {
@@ -13,7 +13,7 @@ pub(super) fn read<B: Backend>(tensor: FloatTensor<B>) -> Vec<f64> {
     }
 }
 
-/// A tensor of these values.
+/// Creates a tensor from values.
 pub(super) fn write<B: Backend>(
     values: Vec<f64>,
     shape: Vec<usize>,

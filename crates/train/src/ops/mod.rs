@@ -1,5 +1,4 @@
-//! Differentiable operations on tensors of any backend: burn extensions on top of the kernels and fits
-//! that completion uses too.
+//! Differentiable operations on tensors of any backend: burn extensions of the kernels and fits used by completion.
 
 mod autodiff;
 pub mod conv;
@@ -18,7 +17,7 @@ pub use joint::{JointBackend, JointFit, JointGradients, Problems, joint};
 pub use lstsq::{Factored, LstsqBackend, LstsqGradients, lstsq};
 pub use reweighted::{Reweighting, RobustGradient, reweighted};
 
-/// Implements operations for a backend by their defaults.
+/// Implements operations for a backend by their default methods.
 macro_rules! by_default {
     ($backend:ty: $($operation:path),+ $(,)?) => {
         $(impl $operation for $backend {})+

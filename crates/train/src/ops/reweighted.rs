@@ -1,4 +1,4 @@
-//! Robust least squares as a differentiable op, for training through it.
+//! Robust least squares as a differentiable operation, for training through the fit.
 
 use super::lstsq::{Factored, lstsq};
 use burn::tensor::Tensor;
@@ -6,28 +6,27 @@ use lsdc_core::fit::Solver;
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// How the gradient passes through the weights of points.
+/// Treatment of the weights of points in the gradient.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RobustGradient {
-    /// They are constants: the gradient of the last solve.
+    /// Weights are constants: the gradient is that of the last solve.
     #[default]
     Constant,
-    /// The gradient of the Huber estimate itself, which reweighting converges to, by the implicit
-    /// function theorem. Exact at convergence.
+    /// The gradient of the Huber estimate, to which reweighting converges, by the implicit function theorem. Exact at
+    /// convergence.
     Implicit,
 }
 
-/// Settings of reweighted least squares in training (paper Algorithm 2, whose weights are Huber's
-/// up to a factor).
+/// Settings of reweighted least squares in training (paper Algorithm 2, with Huber weights up to a factor).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Reweighting {
-    /// Residuals below this share of the mean depth weigh alike.
+    /// Threshold relative to the mean depth; smaller residuals have equal weights.
     pub threshold: f64,
-    /// Solves after the first.
+    /// Number of solves after the first.
     pub iterations: usize,
-    /// What passes through the weights.
+    /// Treatment of the weights in the gradient.
     pub gradient: RobustGradient,
 }
 
@@ -45,7 +44,7 @@ impl Reweighting {
     /// Checks every setting.
     ///
     /// # Errors
-    /// A threshold that is not positive.
+    /// The threshold is not positive.
     pub fn check(&self) -> Result<()> {
         if self.threshold > 0.0 && self.threshold.is_finite() {
             return Ok(());
@@ -54,11 +53,11 @@ impl Reweighting {
     }
 }
 
-/// Minimises Huber's loss of `depths - bases . x`: solution `[batch, k]` and the weights
-/// `[batch, points]` of the last solve, at most 1.
+/// Minimises Huber's loss of `depths - bases . x`. Returns the solution `[batch, k]` and the weights `[batch, points]` of the
+/// last solve, at most 1.
 ///
 /// `bases [batch, points, k]`, `depths [batch, points]`, `mask [batch, points]` with 1 for points and 0 for padding.
-/// Differentiable in `bases` and `depths`; the threshold counts as a constant.
+/// Differentiable in `bases` and `depths`; the threshold is treated as a constant.
 pub fn reweighted(
     bases: Tensor<3>,
     depths: Tensor<2>,
@@ -81,7 +80,7 @@ pub fn reweighted(
     let weights_of = |x: Tensor<2>| {
         let size = residuals(rows.clone(), values.clone(), x).abs();
         let limit = threshold.clone().expand([batch, points]);
-        // At a threshold of 0 every point that is met exactly still counts.
+        // With a threshold of 0, points with a residual of 0 still count.
         mask.clone() * (limit.clone() / size.max_pair(limit).clamp_min(1e-30)).clamp_max(1.0)
     };
     let mut weights = mask.clone();
@@ -93,9 +92,8 @@ pub fn reweighted(
         RobustGradient::Constant => (lstsq(bases, depths, weights.clone(), solver), weights),
         RobustGradient::Implicit => {
             let x = lstsq(rows.clone(), values.clone(), weights.clone(), solver).detach();
-            // psi(r) is r inside the threshold and constant outside; F^T psi(r) - mu x = 0 at the
-            // minimum, whose derivative in x is -(F^T psi' F + mu).
-            // Exactly 1 within the threshold.
+            // psi(r) is r within the threshold and constant outside. F^T psi(r) - mu x = 0 at the minimum; its derivative in x
+            // is -(F^T psi' F + mu). Weights are exactly 1 within the threshold.
             let inside = weights.clone().floor();
             let residual = residuals(bases.clone(), depths, x.clone());
             let outside = residual.clone().detach() * weights.clone() * (mask - inside.clone());
@@ -131,7 +129,7 @@ mod tests {
     }
 
     impl Case {
-        /// A plane with small noise and, for each fifth point, a gross error.
+        /// A plane with small noise, and a gross error at every fifth point.
         fn new() -> Self {
             let [b, n, k] = SHAPE;
             let mut rng = Rng::stream(4, &["reweighted"]);
@@ -148,7 +146,7 @@ mod tests {
             }
         }
 
-        /// `sum(direction * x)` and its gradients; the last image has 5 rows of padding.
+        /// Returns `sum(direction * x)` and its gradients; the last image has 5 rows of padding.
         fn loss(&self, settings: Reweighting) -> (f64, Vec<f64>, Vec<f64>) {
             let [b, n, k] = SHAPE;
             let device = Device::flex().autodiff();
@@ -202,7 +200,7 @@ mod tests {
         }
         let scale = depths.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         for i in (0..70).step_by(3) {
-            // Two depths against each other, so that the threshold stays.
+            // Two depths are changed in opposite directions, so that the threshold is constant.
             let other = if i < 40 {
                 (i + 11) % 40
             } else {
@@ -245,7 +243,7 @@ mod tests {
         };
         assert!(cosine(&bases, &exact_bases) > 0.97);
         assert!(cosine(&depths, &exact_depths) > 0.97);
-        // Padding has no part in it.
+        // Padding has no effect.
         assert_eq!(depths[75..], [0.0; 5]);
         assert_eq!(exact_depths[75..], [0.0; 5]);
     }

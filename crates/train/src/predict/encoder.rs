@@ -1,4 +1,4 @@
-//! The pretrained encoder below a network.
+//! The pretrained encoder of a network.
 
 use crate::model::{AnyEncoder, VisionTransformer};
 use burn::tensor::Device;
@@ -7,10 +7,10 @@ use lsdc_files::error::Result;
 use lsdc_weights::{encoder_of, installed};
 use std::sync::Arc;
 
-/// [`encoder_of`] where the network is computed on a device.
+/// Opens the encoder like [`encoder_of`], for a network that is run on a device.
 ///
 /// # Errors
-/// As [`encoder_of`].
+/// The errors of [`encoder_of`].
 pub(super) fn encoder_on(network: &NetworkConfig, device: &Device) -> Result<Option<AnyEncoder>> {
     if network.extractor.encoder == 0 || *device == Device::flex() {
         return Ok(encoder_of(network)?.map(AnyEncoder::Prepared));

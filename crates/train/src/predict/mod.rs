@@ -1,4 +1,4 @@
-//! `lsdc-core`'s completer on any device.
+//! The completer of `lsdc-core` on any device.
 
 mod encoder;
 
@@ -13,10 +13,10 @@ use lsdc_weights::{names_no_network, open_weights, weights_fit};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Opens weights from a file, or those that come with the program, on a device; `none` is no network at all.
+/// Opens weights, from a file or built in, on a device; `none` means no network.
 ///
 /// # Errors
-/// A file that cannot be read or is no weights file.
+/// A file cannot be read or is not a weights file.
 pub fn open_completer(weights: Option<&Path>, device: &Device) -> Result<Completer> {
     if names_no_network(weights) {
         return Ok(Completer::without_network(weights_fit(weights)?)?);
@@ -24,11 +24,11 @@ pub fn open_completer(weights: Option<&Path>, device: &Device) -> Result<Complet
     completer(&open_weights(weights)?, device)
 }
 
-/// Weights with the fit that they were trained for: prepared for the CPU or a GPU where that is possible, on
-/// burn's tensors elsewhere.
+/// Opens weights with the fit that they were trained for: prepared for the CPU or a GPU if possible, otherwise on burn's
+/// tensors.
 ///
 /// # Errors
-/// Weights that do not belong to their network, and a GPU that cannot be opened.
+/// Weights do not match their network, or a GPU cannot be opened.
 pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
     let network = &weights.network;
     let prepared = network.norm == NormKind::Batch && !network.hidden.is_empty();
@@ -55,10 +55,10 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
     plain_completer(weights, device)
 }
 
-/// The same with the network as it was trained: the plain reference of the prepared one.
+/// Opens weights with the network on burn's tensors: the plain reference of the prepared one.
 ///
 /// # Errors
-/// Weights that do not belong to their network.
+/// Weights do not match their network.
 pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> {
     let encoder = encoder_on(&weights.network, device)?;
     let network = OnDevice::new(load(weights, device)?, encoder, device);

@@ -1,5 +1,5 @@
-//! Augmentation as in sparse-to-dense (Ma and Karaman 2018): zoom with the depth divided by it,
-//! rotation, mirroring, colour jitter; and if asked for, smaller images, grey ones, and flaws.
+//! Augmentation as in sparse-to-dense (Ma and Karaman 2018): zoom, with depths divided by it, rotation, mirroring, colour
+//! jitter; optionally smaller images, greyscale, and degradations.
 
 use super::degradations::{Degradation, blurred, compressed, noisy};
 use image::{Rgb, RgbImage};
@@ -9,28 +9,28 @@ use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
-/// How far frames are changed in training.
+/// Strength of the augmentation in training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AugmentConfig {
-    /// Largest zoom; drawn uniformly from `shrink` up, and depths are divided by it.
+    /// Largest zoom; drawn uniformly, starting at `shrink`. Depths are divided by it.
     pub zoom: f32,
-    /// Smallest zoom. Below 1, images are continued by their mirror images, depths included; else what lies outside
-    /// has no depth.
+    /// Smallest zoom. Below 1, images are extended by reflection, including depths; otherwise pixels outside the image have no
+    /// depth.
     pub shrink: f32,
-    /// Largest rotation about the image centre, in degrees either way.
+    /// Largest rotation about the image centre, in degrees in either direction.
     pub rotation: f32,
-    /// Probability of mirroring left and right.
+    /// Probability of a horizontal flip.
     pub mirror: f32,
-    /// Brightness, contrast and saturation are multiplied by up to 1 +- this.
+    /// Largest relative change of brightness, contrast and saturation: factors are 1 +- this.
     pub jitter: f32,
-    /// Probability of losing the colours.
+    /// Probability of converting to greyscale.
     pub grey: f32,
     /// Gaussian blur: probability, and largest standard deviation in pixels.
     pub blur: Degradation,
     /// Noise: probability, and largest standard deviation in levels of 255.
     pub noise: Degradation,
-    /// JPEG: probability, and by how much quality is below 100 at most.
+    /// JPEG: probability, and largest reduction of the quality below 100.
     pub compression: Degradation,
 }
 
@@ -47,7 +47,7 @@ impl Default for AugmentConfig {
 }
 
 impl AugmentConfig {
-    /// Leaves frames as they are.
+    /// Returns settings that leave frames unchanged.
     pub fn none() -> Self {
         Self {
             zoom: 1.0,
@@ -88,8 +88,8 @@ impl AugmentConfig {
         }
     }
 
-    /// Changes a frame that the protocol has scaled, and brings it to the protocol's size. What
-    /// comes from outside the protocol's crop has no depth.
+    /// Augments a frame that the protocol has scaled, and crops it to the protocol's size. Pixels from outside the protocol's
+    /// crop have no depth.
     pub(super) fn apply(&self, frame: &Frame, protocol: &Protocol, rng: &mut Rng) -> Result<Frame> {
         let (left, top) = protocol.corner(frame)?;
         let size = protocol.crop.unwrap_or(Size {
@@ -102,7 +102,7 @@ impl AugmentConfig {
         let (sin, cos) = (angle.sin() / zoom, angle.cos() / zoom);
         let (half_width, half_height) = (size.width as f32 / 2.0, size.height as f32 / 2.0);
         let mut colours = Vec::with_capacity(3 * size.width * size.height);
-        // Where in the frame each pixel lies, if it does.
+        // Source position of each pixel, if it is inside the frame.
         let mut sources = Vec::with_capacity(size.width * size.height);
         for y in 0..size.height {
             let v = y as f32 + 0.5 - half_height;
@@ -155,7 +155,7 @@ impl AugmentConfig {
         }
         let count = (rgb.width() * rgb.height()) as f32;
         let mean = rgb.pixels().copied().map(grey).sum::<f32>() / count * brightness;
-        // Brightness, saturation about the grey value, contrast about the mean: linear, all in one.
+        // Brightness, saturation about the grey value, contrast about the mean: combined into one linear map.
         let own = contrast * saturation * brightness;
         let greyed = contrast * (1.0 - saturation) * brightness;
         let offset = (1.0 - contrast) * mean + 0.5;
@@ -166,10 +166,10 @@ impl AugmentConfig {
     }
 }
 
-/// Larger ones blur for seconds.
+/// Largest blur; larger ones take seconds.
 const MOST_BLUR: f32 = 100.0;
 
-/// A position within 0..`length` that mirrors at both ends lead to.
+/// Returns the position within 0..`length` after reflection at both ends.
 fn reflected(position: f32, length: usize) -> f32 {
     let length = length as f32;
     let folded = position.rem_euclid(2.0 * length);
@@ -178,20 +178,20 @@ fn reflected(position: f32, length: usize) -> f32 {
     } else {
         2.0 * length - folded
     };
-    // Below `length`, whatever is rounded.
+    // Below `length` despite rounding.
     folded.min(length - 0.5 * f32::EPSILON * length)
 }
 
-/// Luma of BT.601.
+/// Returns the luma of BT.601.
 fn grey(pixel: Rgb<u8>) -> f32 {
     let [r, g, b] = pixel.0.map(f32::from);
     0.299 * r + 0.587 * g + 0.114 * b
 }
 
-/// The colour at a position given in pixels from the upper left corner; edges are continued.
+/// Returns the colour at a position in pixels relative to the upper left corner; edges are replicated.
 fn bilinear(rgb: &RgbImage, x: f32, y: f32) -> [f32; 3] {
     let (width, height) = (rgb.width() as i32, rgb.height() as i32);
-    // Rounding down by a cast, far enough from 0: `floor` is a call on most targets.
+    // Rounds down by a cast, at an offset that avoids negative values: `floor` is a function call on most targets.
     let split = |v: f32| {
         let v = v - 0.5 + 4096.0;
         let whole = v as i32;
@@ -245,7 +245,7 @@ mod tests {
             .apply(&frame, &Protocol::default(), &mut rng)
             .unwrap();
         assert_eq!(found.depth.count(), 32 * 24);
-        // The left border lies this far from the centre, and the same depths on both sides of it.
+        // The left border of the image is at this distance, and depths are equal on both sides of it.
         let border = 16.0 - 16.0 * zoom;
         let whole = border.floor() as usize;
         assert!(whole > 2, "{border}");
@@ -325,7 +325,7 @@ mod tests {
         let near = config
             .apply(&frame, &Protocol::default(), &mut rng)
             .unwrap();
-        // A point at the centre stays there, closer by the zoom.
+        // A point at the centre stays there, and is nearer by the zoom.
         let ratio = frame.depth.at(16, 12) / near.depth.at(16, 12);
         assert!((ratio - zoom).abs() < 0.05 * zoom, "{ratio} {zoom}");
     }

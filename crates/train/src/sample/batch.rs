@@ -1,4 +1,4 @@
-//! Samples to tensors.
+//! Batches: samples as tensors.
 
 use super::Sample;
 use super::images::image_tensor;
@@ -9,35 +9,35 @@ use lsdc_core::network::FeatureMap;
 use lsdc_core::weights::Normalisation;
 use lsdc_files::error::{Error, Result};
 
-/// A batch of equally large samples on a device.
+/// A batch of samples of the same size on a device.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    /// Normalised colours `[batch, height, width, 3]`.
+    /// Normalised images `[batch, height, width, 3]`.
     pub images: Tensor<4>,
     /// Features of a pretrained encoder, `[batch, rows, columns, channels]`.
     pub encoded: Option<Tensor<4>>,
     /// Rows and columns of the images.
     pub size: (usize, usize),
-    /// Pixels at which basis functions are needed, for each image.
+    /// Pixels of each image at which basis functions are evaluated.
     pub pixels: Vec<Vec<u32>>,
     /// Depths of the candidate points `[batch, points]` in metres; 0 = none.
     pub measured: Tensor<2>,
-    /// Depths to be found at all of those pixels `[batch, pixels]` in metres; 0 = none.
+    /// Target depths at these pixels `[batch, pixels]` in metres; 0 = none.
     pub depths: Tensor<2>,
-    /// Depths to be found in the whole images `[batch, height, width]` in metres; 0 = none.
+    /// Target depths of the whole images `[batch, height, width]` in metres; 0 = none.
     pub maps: Tensor<3>,
-    /// How much errors count in the whole images `[batch, height, width]`; the same everywhere if there is nothing.
+    /// Weights of errors in the whole images `[batch, height, width]`; `None` if they are equal.
     pub weights: Option<Tensor<3>>,
-    /// The number of candidate points at the start of `pixels`.
+    /// Number of candidate points at the start of `pixels`.
     pub points: usize,
     /// Masks of the draws over the candidate points `[draws * batch, points]`, draw by draw.
     pub draws: Tensor<2>,
-    /// Rows and columns of every patch.
+    /// Rows and columns of each patch.
     pub patch: (usize, usize),
 }
 
 impl Batch {
-    /// Puts samples on a device; colours become (value / 255 - mean) / deviation.
+    /// Transfers samples to a device; colours become (value / 255 - mean) / deviation.
     ///
     /// # Errors
     /// No sample, or samples of different sizes.

@@ -1,4 +1,4 @@
-//! What cameras and files do to images: blur, noise, compression.
+//! Degradations of images by cameras and files: blur, noise, compression.
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ImageFormat, Rgb, RgbImage};
@@ -6,13 +6,13 @@ use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
-/// A flaw that some images have.
+/// A degradation of some images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Degradation {
-    /// The share of images that have it.
+    /// Probability that an image is degraded.
     pub chance: f32,
-    /// How strong it is at most; drawn uniformly from 0 up.
+    /// Largest strength; drawn uniformly, starting at 0.
     pub most: f32,
 }
 
@@ -21,15 +21,15 @@ impl Degradation {
         (0.0..=1.0).contains(&self.chance) && (0.0..=limit).contains(&self.most)
     }
 
-    /// How strongly an image has it. Flaws that none has draw nothing.
+    /// Draws the strength for an image; `None` if it is not degraded. With a probability of 0, no random numbers are drawn.
     fn draw(self, rng: &mut Rng) -> Option<f32> {
         (self.chance > 0.0 && rng.chance(self.chance)).then(|| rng.range(0.0, self.most))
     }
 }
 
-/// A Gaussian blur with a standard deviation in pixels.
+/// Applies a Gaussian blur with a standard deviation in pixels.
 pub(super) fn blurred(rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> RgbImage {
-    /// No pixel changes by more than a level.
+    /// Below this, no pixel changes by more than a level.
     const LEAST: f32 = 0.1;
     match flaw.draw(rng) {
         Some(deviation) if deviation > LEAST => image::imageops::blur(&rgb, deviation),
@@ -37,7 +37,7 @@ pub(super) fn blurred(rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> RgbIma
     }
 }
 
-/// Normal noise with a standard deviation in levels of 255, for each pixel and channel its own.
+/// Adds independent normal noise, with a standard deviation in levels of 255, to each pixel and channel.
 pub(super) fn noisy(mut rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> RgbImage {
     if let Some(deviation) = flaw.draw(rng) {
         for Rgb(channels) in rgb.pixels_mut() {
@@ -47,7 +47,7 @@ pub(super) fn noisy(mut rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> RgbI
     rgb
 }
 
-/// JPEG of quality 100 less the strength of the flaw.
+/// Compresses as JPEG with quality 100 minus the strength.
 pub(super) fn compressed(rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> Result<RgbImage> {
     let Some(strength) = flaw.draw(rng) else {
         return Ok(rgb);
@@ -73,7 +73,7 @@ mod tests {
         Degradation { chance: 1.0, most }
     }
 
-    /// How strong a flaw is that is drawn first.
+    /// Returns the strength drawn first from the stream.
     fn drawn(most: f32) -> f32 {
         always(most).draw(&mut rng()).unwrap()
     }
@@ -82,7 +82,7 @@ mod tests {
         RgbImage::from_fn(64, 48, |x, _| Rgb([if x < 32 { 40 } else { 200 }; 3]))
     }
 
-    /// The mean of squared differences.
+    /// Returns the mean squared difference.
     fn apart(a: &RgbImage, b: &RgbImage) -> f32 {
         let pairs = a.as_raw().iter().zip(b.as_raw());
         let squares = pairs.map(|(a, b)| (f32::from(*a) - f32::from(*b)).powi(2));
@@ -93,7 +93,7 @@ mod tests {
     fn a_blurred_edge_is_the_integral_of_a_gaussian() {
         let found = blurred(edge(), always(3.0), &mut rng());
         let deviation = f64::from(drawn(3.0));
-        // The normal distribution by Simpson's rule.
+        // The normal distribution function by Simpson's rule.
         let below = |z: f64| {
             let f = |t: f64| (-0.5 * t * t).exp() / std::f64::consts::TAU.sqrt();
             let h = (z + 8.0) / 400.0;

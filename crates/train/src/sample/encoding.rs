@@ -1,4 +1,4 @@
-//! Features of a pretrained encoder for training images: computed once, then cached in files.
+//! Features of a pretrained encoder for training images, computed once and cached in files.
 
 use super::{F16Cache, image_values};
 use image::RgbImage;
@@ -10,7 +10,7 @@ use lsdc_weights::ANYTHING;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Encodes training images.
+/// An encoder of training images, with a cache.
 #[derive(Clone, Debug)]
 pub struct Encoding {
     encoder: Arc<Encoder>,
@@ -19,7 +19,7 @@ pub struct Encoding {
 }
 
 impl Encoding {
-    /// Caches features in files of `folder`, if one is given: 2.4 MB for an image of aspect 4:3.
+    /// Creates an encoder that caches features in files of `folder`, if given: 2.4 MB for an image of aspect 4:3.
     pub fn new(
         encoder: Arc<Encoder>,
         normalisation: Normalisation,
@@ -32,10 +32,10 @@ impl Encoding {
         }
     }
 
-    /// Encodes an image, or reads what was cached of it. Features are rounded to half precision, in which they are cached.
+    /// Encodes an image, or reads its cached features. Features are rounded to half precision, as in the cache.
     ///
     /// # Errors
-    /// A file that cannot be written, or an image without pixels.
+    /// A file cannot be written, or the image has no pixels.
     pub fn of(&self, rgb: &RgbImage) -> Result<FeatureMap> {
         let size = (rgb.height() as usize, rgb.width() as usize);
         let (rows, columns) = FeatureMap::size(size);
@@ -51,7 +51,7 @@ impl Encoding {
         })
     }
 
-    /// A number that changes with everything that the features depend on.
+    /// Returns a key that depends on everything that the features depend on.
     fn key(&self, rgb: &RgbImage) -> u64 {
         let Normalisation {
             mean, deviation, ..
@@ -84,7 +84,7 @@ mod tests {
         };
         let plain = encoding(None).of(&rgb).unwrap();
         assert_eq!(cached.of(&rgb).unwrap(), plain);
-        // Read, not computed: another sound file in its place is believed.
+        // The file is read, not recomputed: another valid file in its place is accepted.
         let [file] = &files()[..] else {
             panic!("{:?}", files());
         };

@@ -1,5 +1,5 @@
-//! Arrays of numbers that take long to compute: kept in files, in half precision, each under a key of everything
-//! that it depends on. Several processes may fill a folder together.
+//! A cache of arrays that are slow to compute: files in half precision, each with a key of everything that it depends on.
+//! Several processes may fill a folder together.
 
 use half::f16;
 use lsdc_eval::data::write_atomically;
@@ -7,23 +7,23 @@ use lsdc_files::error::{Error, Result};
 use lsdc_rng::hash;
 use std::path::PathBuf;
 
-/// A folder of such arrays, or none: then nothing is kept.
+/// A folder of cached arrays; without a folder, nothing is cached.
 #[derive(Clone, Debug)]
 pub struct F16Cache {
     folder: Option<PathBuf>,
 }
 
 impl F16Cache {
-    /// Keeps arrays in files of `folder`, if one is given.
+    /// Caches arrays in files of `folder`, if given.
     pub fn new(folder: Option<PathBuf>) -> Self {
         Self { folder }
     }
 
-    /// The `length` numbers that are kept under `key`, or else those that are computed, which are kept from then on.
-    /// Both are rounded to half precision. Damaged files are replaced.
+    /// Returns the `length` values cached under `key`, or computes and caches them. Both are rounded to half precision. Damaged
+    /// files are replaced.
     ///
     /// # Errors
-    /// Those of `compute`, or a file that cannot be written.
+    /// The errors of `compute`, or a file cannot be written.
     pub fn get(
         &self,
         key: u64,
@@ -61,7 +61,7 @@ fn numbers(bytes: &[u8]) -> Vec<f32> {
     values.collect()
 }
 
-/// The contents of a file that ends with their hash; nothing if it is damaged.
+/// Returns the contents of a file that ends with their hash; `None` if it is damaged.
 fn unsealed(mut bytes: Vec<u8>) -> Option<Vec<u8>> {
     let (contents, seal) = bytes.split_last_chunk::<8>()?;
     let sound = hash(&[contents]).to_le_bytes() == *seal;
@@ -88,7 +88,7 @@ mod tests {
         assert_eq!(get(5.0)[0], 5.0);
         std::fs::write(&file, [1, 2]).unwrap();
         assert_eq!(get(6.0)[0], 6.0);
-        // Under the same key, but not as many.
+        // The same key with another length.
         assert_eq!(cache.get(7, 1, || Ok(vec![8.0])).unwrap(), [8.0]);
         assert_eq!(cache.get(8, 1, || Ok(vec![9.0])).unwrap(), [9.0]);
         assert_eq!(

@@ -1,11 +1,11 @@
-//! Images to normalised colours, as networks read them.
+//! Conversion of images to normalised colours, the input of networks.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
 use lsdc_core::weights::Normalisation;
 use lsdc_files::error::{Error, Result};
 
-/// Images to `[batch, height, width, 3]`; colours become (value / 255 - mean) / deviation.
+/// Converts images to `[batch, height, width, 3]`; colours become (value / 255 - mean) / deviation.
 ///
 /// # Errors
 /// No image, or images of different sizes.
@@ -30,7 +30,7 @@ pub fn image_tensor(
     Ok(Tensor::from_data(TensorData::new(values, shape), device))
 }
 
-/// One image as `[height, width, 3]`; colours become (value / 255 - mean) / deviation.
+/// Converts an image to `[height, width, 3]`; colours become (value / 255 - mean) / deviation.
 pub fn image_values(image: &RgbImage, normalisation: Normalisation) -> Vec<f32> {
     let Normalisation {
         mean, deviation, ..

@@ -10,28 +10,28 @@ use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};
 
-/// What turns a frame into a sample.
+/// Settings for turning frames into samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SamplerConfig {
-    /// The size at which to train.
+    /// Protocol that determines the training size.
     pub protocol: Protocol,
-    /// Random changes.
+    /// Random augmentation.
     pub augment: AugmentConfig,
-    /// The number of different views of each frame that these make; 0: a new one in every pass.
+    /// Number of different augmented views of each frame; 0: a new one in every pass.
     pub views: usize,
     /// Points and patches.
     pub supervision: SupervisionConfig,
     /// Samples per batch.
     pub batch: usize,
-    /// The run's seed.
+    /// Seed of the run.
     pub seed: u64,
 }
 
-/// Makes the batch of any step: a pure function of the step.
+/// A sampler that computes the batch of any step, as a pure function of the step.
 #[derive(Clone)]
 pub struct Sampler {
     frames: Arc<dyn Dataset>,
-    /// The frames of the dataset that take part, and when.
+    /// Frames of the dataset used in training, and their order.
     order: Order,
     config: SamplerConfig,
     encoding: Option<Encoding>,
@@ -39,7 +39,7 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// Samples the given frames of a dataset.
+    /// Creates a sampler of the given frames of a dataset.
     ///
     /// # Errors
     /// No frame, or a batch size of 0.
@@ -63,13 +63,13 @@ impl Sampler {
         })
     }
 
-    /// Encodes the image of each sample.
+    /// Sets the encoding of the image of each sample.
     #[must_use]
     pub fn encoded(self, encoding: Option<Encoding>) -> Self {
         Self { encoding, ..self }
     }
 
-    /// The samples of a step.
+    /// Returns the samples of a step.
     ///
     /// # Errors
     /// A frame cannot be read.
@@ -94,20 +94,20 @@ impl Sampler {
             .collect()
     }
 
-    /// Whether images are encoded.
+    /// Returns whether images are encoded.
     pub fn is_encoded(&self) -> bool {
         self.encoding.is_some()
     }
 
-    /// The frames of a shard among those that take part.
+    /// Returns the training frames that belong to a shard.
     pub fn frames(&self, shard: Shard) -> Vec<usize> {
         let all = self.order.frames();
         all.filter(|&index| shard.holds(&self.frames.id(index)))
             .collect()
     }
 
-    /// Computes what is kept in files of the frame at `index` of the dataset: the predictions of a teacher, and
-    /// the features of its views.
+    /// Computes the cached files of the frame at `index` of the dataset: the predictions of a teacher, and the features of its
+    /// views.
     ///
     /// # Errors
     /// The frame cannot be read, or a file cannot be written.
@@ -122,7 +122,7 @@ impl Sampler {
         })
     }
 
-    /// One of the views of a frame, if their number is limited.
+    /// Returns one of the views of a frame, if their number is limited.
     fn view(&self, frame: &Frame, view: usize) -> Result<Frame> {
         let mut rng = self.stream("view", frame, view);
         let SamplerConfig {
@@ -135,13 +135,13 @@ impl Sampler {
         Rng::stream(self.config.seed, &[what, &frame.id, &pass.to_string()])
     }
 
-    /// A frame as the protocol scales it.
+    /// Returns a frame scaled by the protocol.
     fn scaled(&self, index: usize) -> Result<Arc<Frame>> {
         if let Some(frame) = self.cache.get(index) {
             return Ok(frame);
         }
         let frame = self.config.protocol.scale(&self.frames.load(index)?)?;
-        // These take no part in training.
+        // Not used in training.
         let (sparse, mask, rings) = (None, None, None);
         let frame = Arc::new(Frame {
             sparse,
@@ -154,12 +154,12 @@ impl Sampler {
     }
 }
 
-/// Frames in memory: to decode and scale one takes longer than all that is random.
+/// Frames in memory: decoding and scaling a frame takes longer than the random augmentation.
 #[derive(Default)]
 struct FrameCache(Mutex<(HashMap<usize, Arc<Frame>>, usize)>);
 
 impl FrameCache {
-    /// Bytes in all: 1,900 frames of 240x320.
+    /// Limit of the total size in bytes: 1,900 frames of 240x320.
     const MOST: usize = 1 << 30;
 
     fn get(&self, index: usize) -> Option<Arc<Frame>> {
@@ -169,7 +169,7 @@ impl FrameCache {
     fn insert(&self, index: usize, frame: &Arc<Frame>) {
         let maps = if frame.target.is_some() { 3 } else { 1 };
         let bytes = frame.rgb.as_raw().len() + maps * size_of_val(frame.depth.values());
-        // A poisoned lock costs time, nothing else.
+        // A poisoned lock only costs time.
         if let Ok(mut frames) = self.0.lock()
             && frames.1 + bytes <= Self::MOST
             && frames.0.insert(index, frame.clone()).is_none()
@@ -179,8 +179,8 @@ impl FrameCache {
     }
 }
 
-/// Prepares batches ahead of their use. Worker `w` of `n` makes the steps `w, w + n, ...`, so
-/// batches come in order and do not depend on the number of workers.
+/// A loader that prepares batches ahead of their use. Worker `w` of `n` prepares the steps `w, w + n, ...`, so batches are in
+/// order and independent of the number of workers.
 pub struct Loader {
     queues: Vec<Receiver<Result<Vec<Sample>>>>,
     next: usize,
@@ -202,7 +202,7 @@ impl Loader {
                     .name(format!("loader-{worker}"))
                     .spawn(move || {
                         for step in steps {
-                            // The receiver is gone when training ends.
+                            // The receiver is dropped when training ends.
                             if sender.send(sampler.batch(step)).is_err() {
                                 return;
                             }
@@ -215,7 +215,7 @@ impl Loader {
         Ok(Self { queues, next: 0 })
     }
 
-    /// The samples of the next step.
+    /// Returns the samples of the next step.
     ///
     /// # Errors
     /// A frame cannot be read.
@@ -234,7 +234,7 @@ mod tests {
     use lsdc_eval::data::{FrameId, Rooms, RoomsConfig, Split};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// Rooms that count how often one is read.
+    /// Rooms with a counter of reads.
     struct Counted(Rooms, AtomicUsize);
 
     impl Dataset for Counted {
@@ -287,7 +287,7 @@ mod tests {
         let (one, other) = (sampler(), sampler());
         let first: Vec<_> = (0..8).map(|step| depths(&one, step)).collect();
         assert_eq!(frames.1.load(Ordering::Relaxed), 4);
-        // In another order, by one that has kept nothing yet.
+        // In another order, by a sampler with an empty cache.
         for step in (0..8).rev() {
             assert_eq!(depths(&other, step), first[step]);
         }

@@ -1,19 +1,19 @@
-//! The order in which frames are seen.
+//! The order of frames in training.
 
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// An endless sequence of epochs. In each, the frames of every part come in a random order among those of the others,
-/// as many of each part as its share demands: every frame of a part comes once before any of it comes again.
+/// An endless sequence of epochs. Each epoch mixes the frames of all parts in random order, as many of each part as its share
+/// requires. Every frame of a part occurs once before any of them is repeated.
 #[derive(Clone, Debug)]
 pub struct Order {
     parts: Arc<[DatasetShare]>,
     cache: Arc<Mutex<VecDeque<Epoch>>>,
 }
 
-/// The frames of an epoch in their order, and how often each came before.
+/// The frames of an epoch in order, and the number of previous occurrences of each.
 #[derive(Clone, Debug)]
 struct Epoch {
     number: usize,
@@ -24,12 +24,12 @@ struct Epoch {
 #[derive(Debug)]
 struct DatasetShare {
     frames: Vec<usize>,
-    /// The number of frames in an epoch.
+    /// Number of its frames in an epoch.
     count: usize,
 }
 
 impl From<Vec<usize>> for Order {
-    /// Every frame once in an epoch.
+    /// Creates an order with every frame once per epoch.
     fn from(frames: Vec<usize>) -> Self {
         let count = frames.len();
         Self::of([DatasetShare { frames, count }].into())
@@ -37,10 +37,11 @@ impl From<Vec<usize>> for Order {
 }
 
 impl Order {
-    /// The frames of each part, and its share of an epoch. Those without a share come once in an epoch.
+    /// Creates an order from the frames of each part and its share of an epoch. Frames of parts without a share occur once per
+    /// epoch.
     ///
     /// # Errors
-    /// Shares that are not above 0 or leave nothing to the parts without one, or a part without a frame.
+    /// Shares are not above 0 or leave none to the parts without one, or a part has no frames.
     pub fn new(parts: Vec<(Vec<usize>, Option<f64>)>) -> Result<Self> {
         let shares: f64 = parts.iter().filter_map(|(_, share)| *share).sum();
         let unshared = parts.iter().filter(|(_, share)| share.is_none());
@@ -66,25 +67,25 @@ impl Order {
         }
     }
 
-    /// The number of frames in an epoch.
+    /// Returns the number of frames in an epoch.
     pub fn epoch(&self) -> usize {
         self.parts.iter().map(|part| part.count).sum()
     }
 
-    /// All frames.
+    /// Returns all frames.
     pub fn frames(&self) -> impl Iterator<Item = usize> {
         self.parts
             .iter()
             .flat_map(|part| part.frames.iter().copied())
     }
 
-    /// The frame at a position of the sequence, and how often it came before.
+    /// Returns the frame at a position of the sequence, and the number of its previous occurrences.
     pub fn at(&self, position: usize, seed: u64) -> (usize, usize) {
         let length = self.epoch();
         self.of_epoch(position / length, seed)[position % length]
     }
 
-    /// The frames of an epoch, shuffled once for all that ask: at the end of an epoch, some threads are in the next.
+    /// Returns the frames of an epoch, shuffled once for all threads: at the end of an epoch, some threads are in the next one.
     fn of_epoch(&self, number: usize, seed: u64) -> Arc<[(usize, usize)]> {
         const CACHED: usize = 2;
         let same = |epoch: &&Epoch| (epoch.number, epoch.seed) == (number, seed);
@@ -113,7 +114,7 @@ impl Order {
 }
 
 impl DatasetShare {
-    /// The frames of an epoch, and how often each came before.
+    /// Returns the frames of an epoch, and the number of previous occurrences of each.
     fn of_epoch(&self, epoch: usize, number: usize, seed: u64) -> Vec<(usize, usize)> {
         let length = self.frames.len();
         if self.count == length {
@@ -140,7 +141,7 @@ mod tests {
 
     #[test]
     fn every_part_has_its_share_and_every_frame_its_turn() {
-        // 6 frames of the first part make half an epoch: 3 of the second, 3 of the third.
+        // 6 frames of the first part are half an epoch: 3 of the second, 3 of the third.
         let parts = vec![
             ((0..6).collect(), None),
             ((6..17).collect(), Some(0.25)),
@@ -185,7 +186,7 @@ mod tests {
         let all = |seed| (0..9).map(|at| order.at(at, seed)).collect::<Vec<_>>();
         assert_eq!(all(1), all(1));
         assert_ne!(all(1), all(2));
-        // Epochs are kept, whatever the order in which they are asked for, and not more than a few of them.
+        // A few epochs are cached, whatever the order in which they are requested.
         let jumps = |seed| [40, 3, 22, 4, 41].map(|at| order.at(at, seed));
         let fresh = |seed| {
             let order = || Order::from((0..9).collect::<Vec<_>>());

@@ -1,4 +1,4 @@
-//! Which pixels of a frame take part in a training step.
+//! The pixels of a frame used in a training step.
 
 use super::PatternShares;
 use super::patterns::log_uniform;
@@ -10,26 +10,26 @@ use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
-/// Where the fit reads and where the loss is taken.
+/// Settings of the points of fits and the pixels of losses.
 ///
-/// The network's convolutions always run on the whole image; the per-pixel MLP and the loss can be
-/// limited to the sparse points and random square patches, at a fraction of the cost.
+/// The network's convolutions always run on the whole image. The per-pixel MLP and the loss can be limited to the sparse points
+/// and random square patches, at a fraction of the cost.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SupervisionConfig {
-    /// Candidate sparse points per image.
+    /// Number of candidate sparse points per image.
     pub points: usize,
-    /// Fewest points of a fit; the number is drawn log-uniformly from here to `points`.
+    /// Smallest number of points of a fit; the number is drawn log-uniformly up to `points`.
     pub fewest: usize,
-    /// Fits per image and step, each with its own draw of points; the network runs once.
+    /// Number of fits per image and step, each with its own draw of points; the network runs once.
     pub draws: usize,
-    /// Number of patches; 0 takes the loss over the whole image.
+    /// Number of patches; if 0, the loss covers the whole image.
     pub patches: usize,
-    /// Side of a patch in pixels.
+    /// Side length of a patch in pixels.
     pub patch: usize,
-    /// How the candidates are drawn; those of a pattern that finds fewer than `fewest` are uniform. The first fit to
-    /// the returns of a scanner reads all candidates, at most `points` of its returns at random. Truth is the whole
-    /// depth of the frame, whatever the pattern.
+    /// Patterns of candidates; if a pattern finds fewer than `fewest` points, they are uniform. The first fit to scanner
+    /// returns reads all candidates, at most `points` random returns. The truth is the whole depth of the frame for every
+    /// pattern.
     #[serde(skip_serializing_if = "PatternShares::is_empty")]
     pub patterns: PatternShares,
 }
@@ -62,7 +62,7 @@ impl SupervisionConfig {
     }
 }
 
-/// One training example, as plain arrays.
+/// A training example, as plain arrays.
 #[derive(Clone, Debug)]
 pub struct Sample {
     /// The colour image.
@@ -71,17 +71,17 @@ pub struct Sample {
     pub encoded: Option<FeatureMap>,
     /// Pixels `y * width + x`: first the candidate points, then the patches row by row.
     pub pixels: Vec<u32>,
-    /// The depth of each candidate point in metres; 0 = none.
+    /// Depth of each candidate point in metres; 0 = none.
     pub measured: Vec<f32>,
-    /// The depth that is to be found at each pixel in metres; 0 = none.
+    /// Target depth at each pixel in metres; 0 = none.
     pub depths: Vec<f32>,
-    /// The same of the whole image, row by row.
+    /// Target depth of the whole image, row by row.
     pub map: Vec<f32>,
-    /// How much an error at each pixel of the whole image counts; the same everywhere if there is nothing.
+    /// Weight of the error at each pixel of the whole image; `None` if they are equal.
     pub weights: Option<Vec<f32>>,
-    /// For each draw, 1 for every candidate point that the fit may read, else 0.
+    /// Mask of each draw: 1 for every candidate point that the fit reads, otherwise 0.
     pub draws: Vec<Vec<f32>>,
-    /// Rows and columns of every patch.
+    /// Rows and columns of each patch.
     pub patch: (usize, usize),
 }
 
@@ -89,7 +89,7 @@ impl Sample {
     /// Draws points and patches of a frame.
     ///
     /// # Errors
-    /// As [`Pattern::draw`].
+    /// The errors of [`Pattern::draw`].
     pub(super) fn draw(frame: &Frame, config: &SupervisionConfig, rng: &mut Rng) -> Result<Self> {
         let depth = &frame.depth;
         let (width, height) = (depth.width(), depth.height());
@@ -153,7 +153,7 @@ impl Sample {
     }
 }
 
-/// A random subset of the `found` candidates, as a mask over all of them.
+/// Draws a random subset of the `found` candidates, as a mask over all of them.
 fn draw(config: &SupervisionConfig, found: usize, rng: &mut Rng) -> Vec<f32> {
     let count = log_uniform(config.fewest, config.points, rng);
     let mut order: Vec<usize> = (0..found).collect();
@@ -192,7 +192,7 @@ mod tests {
         Sample::draw(frame, config, &mut Rng::stream(seed, &[])).unwrap()
     }
 
-    /// The pixels of the candidates, and their depths.
+    /// Returns the pixels of the candidates, and their depths.
     fn candidates(sample: &Sample) -> (Vec<u32>, Vec<f32>) {
         let pairs = sample.pixels.iter().zip(&sample.measured);
         pairs.filter(|(_, depth)| **depth > 0.0).unzip()
@@ -293,7 +293,7 @@ mod tests {
                 let exact = exact.count();
                 let read = found.draws[0].iter().sum::<f32>() as usize;
                 if config == scanner {
-                    // Ranges have noise, and the first fit reads them all.
+                    // Ranges have noise, and the first fit reads all returns.
                     assert!(10 * exact < pixels.len(), "{exact}");
                     assert_eq!(read, pixels.len());
                 } else {

@@ -1,26 +1,26 @@
-//! By which patterns the points of samples are drawn.
+//! Patterns of the points of samples.
 
 use lsdc_eval::sampling::{BEAMS, Pattern};
 use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
-/// The shares of samples whose points follow a [`Pattern`]; those of the rest are uniform.
+/// Shares of samples whose points follow a [`Pattern`]; the points of other samples are uniform.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PatternShares {
-    /// Returns of a spinning laser scanner, of a log-uniform number of 4 to 128 beams.
+    /// Returns of a spinning laser scanner, with a log-uniform number of 4 to 128 beams.
     pub scanner: f32,
     /// Corners of the image.
     pub corners: f32,
-    /// Uniform in one half of the image.
+    /// Uniform points in one half of the image.
     pub half: f32,
-    /// Uniform in some square blocks.
+    /// Uniform points in some square blocks.
     pub clusters: f32,
 }
 
 impl PatternShares {
-    /// Whether the points of all samples are uniform.
+    /// Returns whether the points of all samples are uniform.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
@@ -38,7 +38,7 @@ impl PatternShares {
         } = *self;
         let shares = [scanner, corners, half, clusters];
         let sum: f32 = shares.iter().sum();
-        // Decimal fractions are rounded.
+        // Allows for the rounding of decimal fractions.
         if shares.iter().all(|share| (0.0..=1.0).contains(share)) && sum <= 1.0 + 1e-6 {
             return Ok(());
         }
@@ -48,8 +48,8 @@ impl PatternShares {
         )))
     }
 
-    /// The pattern of a sample of up to `points` points, or `None` for uniform ones. Reads nothing of the stream if the
-    /// points of all samples are uniform.
+    /// Draws the pattern of a sample of up to `points` points; `None` for uniform points. Draws no random numbers if the points
+    /// of all samples are uniform.
     pub(super) fn draw(&self, points: usize, rng: &mut Rng) -> Option<Pattern> {
         if self.is_empty() {
             return None;
@@ -70,7 +70,7 @@ impl PatternShares {
     }
 }
 
-/// A number from `fewest` to `most`, uniform in its logarithm.
+/// Draws a number from `fewest` to `most`, uniform in its logarithm.
 pub(super) fn log_uniform(fewest: usize, most: usize, rng: &mut Rng) -> usize {
     let span = (most as f32 / fewest as f32).ln();
     (fewest as f32 * (span * rng.unit()).exp()).round() as usize
@@ -87,7 +87,7 @@ mod tests {
         clusters: 0.15,
     };
 
-    /// Whether a count of `draws` is within four standard deviations of a binomial.
+    /// Returns whether a count of `draws` is within four standard deviations of a binomial.
     fn is_share(count: usize, draws: usize, share: f64) -> bool {
         let (count, draws) = (count as f64, draws as f64);
         (count - share * draws).abs() < 4.0 * (draws * share * (1.0 - share)).sqrt()
@@ -117,7 +117,7 @@ mod tests {
             assert!(is_share(count, DRAWS, share), "{count} {share}");
         }
         assert!(beams.iter().all(|n| (4..=128).contains(n)));
-        // Numbers that are rounded to 22 or less begin at ln(22.5 / 4) / ln(32) of the logarithms.
+        // Numbers that round to 22 or less make up ln(22.5 / 4) / ln(32) of the logarithms.
         let few = beams.iter().filter(|n| **n <= 22).count();
         assert!(is_share(few, beams.len(), 0.498_37), "{few}");
     }

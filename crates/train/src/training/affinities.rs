@@ -1,11 +1,10 @@
-//! What affinities are trained for.
+//! The loss of affinities.
 
 use burn::tensor::Tensor;
 
-/// The mean over pairs of neighbours of `c (D^2 + FLAT^2) / STEP^2 - ln c`: minus the logarithm of
-/// the likelihood, but for a constant and a factor 2, of a relative difference in depth D that is
-/// normal with variance `STEP^2 / c`. Differences are reduced by what quantisation of the depths may
-/// make of them. `edges [batch, height, width, 2]`, `depths [batch, height, width]`.
+/// Returns the mean over pairs of neighbours of `c (D^2 + FLAT^2) / STEP^2 - ln c`: twice the negative log likelihood, up to a
+/// constant, of a relative depth difference D that is normal with variance `STEP^2 / c`. Differences are reduced by a bound of
+/// the quantisation error of depths. `edges [batch, height, width, 2]`, `depths [batch, height, width]`.
 pub(super) fn step_neg_log_likelihood(edges: &Tensor<4>, depths: &Tensor<3>) -> Tensor<1> {
     const STEP: f64 = 0.01;
     const FLAT: f64 = 0.003;

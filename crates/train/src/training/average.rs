@@ -1,12 +1,12 @@
-//! The running average of a network over its last steps, which predicts better than any of them
-//! (Polyak and Juditsky 1992; in this form Tarvainen and Valpola 2017).
+//! The running average of a network over its last steps, which predicts better than any single step (Polyak and Juditsky 1992;
+//! in this form Tarvainen and Valpola 2017).
 
 use crate::model::parameters::{NamedTensor, named};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Tensor, TensorData};
 
-/// Moves `average` towards `net` after the step of this number, counted from 1: by `1 - decay`, and
-/// more in the first steps, of which an average would remember the random start.
+/// Moves `average` towards `net` after the step with this number, counted from 1: by `1 - decay`, and by more in the first
+/// steps, so that the average does not depend on the random start.
 pub(super) fn follow<M: Module>(average: M, net: &M, decay: f64, step: usize) -> M {
     let step = step as f64;
     average.map(&mut Mixer {
@@ -57,12 +57,12 @@ mod tests {
         let net = NetworkConfig::small().init(1, &device).unwrap();
         let first = |net: &BasisNet| f64::from(numbers(net)[0]);
         let (from, to) = (first(&start), first(&net));
-        // Late steps keep the decay, the first ones less.
+        // Late steps use the full decay, the first ones a smaller decay.
         let late = follow(start.clone(), &net, 0.75, 1000);
         assert!((first(&late) - (0.75 * from + 0.25 * to)).abs() < 1e-6);
         let early = follow(start.clone(), &net, 0.75, 1);
         assert!((first(&early) - (from / 11.0 + to * 10.0 / 11.0)).abs() < 1e-6);
-        // An average of what does not change is that, bit for bit.
+        // The average of a constant is exactly that constant.
         assert!(numbers(&follow(net.clone(), &net, 0.9, 7)) == numbers(&net));
     }
 }

@@ -1,4 +1,4 @@
-//! Basis functions as the subject of a run.
+//! Training of basis functions.
 
 use super::TrainConfig;
 use super::calibrate;
@@ -24,23 +24,22 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Basis functions, and what belongs to them.
+/// Settings and inputs for training basis functions.
 pub struct BasisFunctions {
     pub(super) network: NetworkConfig,
     pub(super) fit: FitConfig,
-    /// The weights of a teacher whose network is compared with.
+    /// Weights of the teacher, if its network is compared with.
     pub(super) teacher_weights: Option<Weights>,
-    /// What the network reads beside the image, if it was made for that.
+    /// Pretrained encoder whose features the network reads, if it has one.
     pub(super) encoder: Option<Arc<Encoder>>,
 }
 
 impl Trainer<BasisFunctions> {
-    /// Prepares a run in `folder`, which must exist. Several devices divide every batch among them;
-    /// the first measures and calibrates.
+    /// Prepares a run in `folder`, which must exist. Several devices divide every batch; the first one also evaluates and
+    /// calibrates.
     ///
     /// # Errors
-    /// A setting out of range, no device or more than images in a batch, or no frame that can be
-    /// read.
+    /// A setting is out of range, there is no device or more devices than images in a batch, or no frame can be read.
     pub fn new(
         folder: &Path,
         network: NetworkConfig,
@@ -77,7 +76,7 @@ impl Trainer<BasisFunctions> {
 }
 
 impl BasisFunctions {
-    /// The network before the first step, and how many of its tensors the start weights do not have.
+    /// Returns the initial network, and the number of its tensors that the start weights do not have.
     fn initial(&self, run: &Trainer<Self>, device: &Device) -> Result<(BasisNet, usize)> {
         let net = self.network.init(run.config.seed, device)?;
         let net = with_backbone(net, &self.network, &run.config.backbone)?;
@@ -133,11 +132,11 @@ impl Subject for BasisFunctions {
             let bytes = to_bytes(weights, Precision::Half)?;
             write_atomically(&run.weights_path(), |out| out.write_all(&bytes))
         };
-        // What was trained is not lost if its calibration fails.
+        // The trained weights are not lost if the calibration fails.
         write(&weights)?;
         if run.config.calibrate {
             if let Some(prior) = &start_prior {
-                // It stays if the frames are too few to learn another.
+                // Kept if there are too few frames to learn another prior.
                 weights.record_prior(prior, 1.0, None);
             }
             let (frames, config) = (run.frames.as_ref(), &run.config);

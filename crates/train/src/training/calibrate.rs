@@ -1,5 +1,4 @@
-//! What is learned about basis functions once they are trained: which weights are likely, and how
-//! far predictions are off.
+//! Calibration of trained basis functions: the prior over their weights, and the scale of prediction errors.
 
 use super::error_calibration::{ErrorCalibration, error_calibration};
 use super::truth::random_task;
@@ -21,33 +20,32 @@ use lsdc_rng::{self as rng, Rng};
 use lsdc_weights::guided_by_head;
 use rayon::prelude::*;
 
-/// Training images that a prior is learned from at most, each with its mirror image.
+/// Limit of training images for learning a prior; each is used with its mirror image.
 const IMAGES: usize = 1000;
-/// Points of each, at most.
+/// Limit of points per image.
 const POINTS: usize = 1000;
-/// How many points the size of the covariance counts as much as: images differ.
+/// Weight of the prior size of the covariance, in points: low, because images differ.
 const TRUST: f64 = 5.0;
-/// The share of normal errors within one standard deviation.
+/// Probability of normal errors within one standard deviation.
 const ONE_DEVIATION: f64 = 0.6827;
 
-/// Shares of the variance that training images suggest, among which lambda is chosen for basis
-/// functions beside a field: the fewer the points, the smaller it is.
+/// Candidates of lambda for basis functions with a field, relative to the variance learned from training images: the fewer the
+/// points, the smaller the best one.
 const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
-/// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
+/// Numbers of points at which lambda is chosen, with numbers of draws: more draws for few points, to average out noise.
 const NUMBERS: [(usize, u64); LAMBDA_COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
-/// Depths of a frame at least: the fewest points are half of them.
+/// Smallest number of depths of a frame, so that half of them are enough points.
 const FEWEST: usize = 2 * NUMBERS[0].0;
 
-/// Learns the prior over weights from the frames that `config` trained on (1,000 of them at most) and their
-/// mirror images, the strength of the noise and the scale of standard deviations from those that it held out (from all, if it held out
-/// none; 1,000 at most), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
-/// frames best takes the place of the strength of the noise, for few and for many points, and the
-/// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the
-/// number of frames seen and of all.
+/// Learns the prior over weights from the frames that `config` trained on (at most 1,000) and their mirror images. Learns the
+/// strength of the noise and the scale of standard deviations from the held-out frames (all frames if none are held out; at
+/// most 1,000), with 500 points each. Stores them in `weights`. With a field, the strength of the noise is replaced by the
+/// lambdas that predict held-out frames best, for few and for many points, and the distribution of errors is learned from these
+/// frames and returned. Calls `progress` with the number of frames processed and in total.
 ///
-/// Where [`keeps_prior`], mean and covariance stay as they are. [Sparse](Frame::is_sparse) depths are divided: at most
-/// half of those of a frame are given, and errors are measured at the others.
+/// If [`keeps_prior`], mean and covariance are unchanged. [Sparse](Frame::is_sparse) depths are divided: at most half of those
+/// of a frame are given, and errors are measured at the others.
 ///
 /// # Errors
 /// Frames that cannot be read, or fewer than two.
@@ -114,7 +112,7 @@ pub fn calibrate(
         equivalent_points: TRUST,
     };
 
-    // With 500 points there is no need to know the noise beforehand.
+    // With 500 points, no prior of the noise is needed.
     let completer = completer.with_prior(prior.clone().with_noise(unknown));
     let (fit, measured) = if fit.method == FitMethod::Joint {
         let scale = prior.noise().mean.exp();
@@ -176,8 +174,8 @@ pub fn calibrate(
     Ok(None)
 }
 
-/// Whether [`calibrate`] keeps the prior that weights have: fewer frames than basis functions do not show how their
-/// weights vary.
+/// Returns whether [`calibrate`] keeps the prior of weights: fewer frames than basis functions do not determine the covariance
+/// of their weights.
 ///
 /// # Errors
 /// A damaged prior.
@@ -185,7 +183,7 @@ pub fn keeps_prior(weights: &Weights, frames: &dyn Dataset) -> Result<bool> {
     Ok(frames.len() < weights.network.bases && weights.prior()?.is_some())
 }
 
-/// Those of some lambdas whose errors are the smallest, for each number of points.
+/// Returns the lambda with the smallest errors, for each number of points.
 fn best_lambda(
     lambdas: impl IntoIterator<Item = f64>,
     errors: impl Fn(f64) -> Result<[f64; LAMBDA_COUNTS]>,
@@ -202,7 +200,7 @@ fn best_lambda(
     Ok(Lambda::ByCount(chosen))
 }
 
-/// What the prior is learned from, of a frame and of its mirror image.
+/// Returns the moments of a frame and of its mirror image, for learning the prior.
 fn moments(completer: &Completer, frame: &Frame, seed: u64) -> Result<[ImageMoments; 2]> {
     let sparse = Pattern::Exactly(POINTS).draw(frame, seed)?;
     let (width, height) = (sparse.width(), sparse.height());
@@ -223,12 +221,12 @@ fn moments(completer: &Completer, frame: &Frame, seed: u64) -> Result<[ImageMome
     ])
 }
 
-/// Learns the distribution of the errors of the joint fit from the frames at `which`, which neither the
-/// network nor its prior should have seen, and keeps it in `weights`; all else stays as it is. The depth head of the
-/// network's encoder guides the fits if it is installed, as it does outside of training.
+/// Learns the error distribution of the joint fit from the frames at `which`, which should not have been used for the network
+/// or its prior, and stores it in `weights`; everything else is unchanged. The depth head of the network's encoder guides the
+/// fits if it is installed, as outside of training.
 ///
 /// # Errors
-/// Weights without a prior, for another fit, or frames that cannot be read.
+/// The weights have no prior, are for another fit, or frames cannot be read.
 pub fn learn_errors(
     weights: &mut Weights,
     frames: &dyn Dataset,
@@ -256,8 +254,8 @@ pub fn learn_errors(
     Ok(found)
 }
 
-/// The mean of the logarithms of errors over frames and draws, for each number of points: of the
-/// root mean square and of the relative error, which weigh far and near.
+/// Returns the mean logarithm of errors over frames and draws, for each number of points: of the root mean square and of the
+/// relative error, which emphasise far and near depths.
 fn errors(
     completer: &Completer,
     frames: &[usize],
@@ -312,15 +310,15 @@ fn deviation(values: &[f64]) -> f64 {
     (squares / values.len().saturating_sub(1).max(1) as f64).sqrt()
 }
 
-/// Ratios of errors to their standard deviations: all, or of more than [`RATIOS`] a sample, each as likely to be in it
-/// (algorithm R of Vitter 1985).
+/// Ratios of errors to their standard deviations: all of them, or a uniform sample if there are more than [`RATIOS`] (algorithm
+/// R of Vitter 1985).
 struct Ratios {
     values: Vec<f32>,
     count: u64,
     rng: Rng,
 }
 
-/// 16 MB, of which a quantile is known to 0.05 %.
+/// Sample size: 16 MB, which determines a quantile to 0.05 %.
 const RATIOS: usize = 1 << 22;
 
 impl Ratios {
@@ -374,7 +372,7 @@ mod tests {
         let mirrored = frame(flip_horizontal(&rgb), values(&|x| 31 - x));
         let weights = Weights::builtin_small();
         let completer = predict::completer(&weights, &Device::flex()).unwrap();
-        // All pixels are points: each pair holds the same two images, in the other order.
+        // All pixels are points: each pair contains the same two images, in reverse order.
         let learned = |frame| {
             let [own, opposite] = moments(&completer, frame, 0).unwrap();
             (own, opposite)
@@ -393,7 +391,7 @@ mod tests {
 
     #[test]
     fn ratios_take_bounded_memory_and_keep_their_quantile() {
-        // Rayleigh: 68.27 % lie below sqrt(-2 ln 0.3173). The second half is three times as wide.
+        // Rayleigh distribution: 68.27 % are below sqrt(-2 ln 0.3173). The second half is three times as wide.
         let within = |x: f64| 1.0 - 0.5 * ((-x * x / 2.0).exp() + (-x * x / 18.0).exp());
         let mut ratios = Ratios::new(3);
         let mut rng = Rng::stream(7, &["test"]);
@@ -405,7 +403,7 @@ mod tests {
         assert_eq!((ratios.values.len(), ratios.count), (RATIOS, count as u64));
         let share = within(ratios.quantile(ONE_DEVIATION));
         assert!((share - ONE_DEVIATION).abs() < 0.002, "{share}");
-        // Nothing is left out of few.
+        // A small sample is complete.
         let mut ratios = Ratios::new(0);
         for ratio in [3.0, 1.0, 2.0, 4.0] {
             ratios.add(ratio);

@@ -1,4 +1,4 @@
-//! Checkpoints: everything that a run needs to go on bit for bit.
+//! Checkpoints: the complete state for resuming a run with identical results.
 
 use super::Learner;
 use burn::module::Module;
@@ -8,8 +8,8 @@ use lsdc_eval::data::{write_atomically, write_folder_atomically};
 use lsdc_files::error::{Cause, Error, Result};
 use std::path::{Path, PathBuf};
 
-/// The checkpoints of a run, one folder per step. A folder is written under a temporary name and
-/// renamed when complete; the last two are kept.
+/// Checkpoints of a run, one folder per step. A folder is written under a temporary name and renamed when complete; the last
+/// two are kept.
 pub(super) struct Checkpoints {
     folder: PathBuf,
 }
@@ -26,7 +26,7 @@ impl Checkpoints {
         }
     }
 
-    /// The steps for which there is a checkpoint, in rising order.
+    /// Returns the steps of the existing checkpoints, in ascending order.
     pub(super) fn steps(&self) -> Vec<usize> {
         let Ok(entries) = std::fs::read_dir(&self.folder) else {
             return Vec::new();
@@ -62,13 +62,13 @@ impl Checkpoints {
         })?;
         let steps = self.steps();
         for &old in steps.iter().rev().skip(KEPT) {
-            // A checkpoint too many does no harm.
+            // An extra checkpoint does no harm.
             let _ = std::fs::remove_dir_all(self.path(old));
         }
         Ok(())
     }
 
-    /// The learner as it was after `step`.
+    /// Loads the learner as it was after `step`.
     pub(super) fn load<M: Module, O>(
         &self,
         step: usize,

@@ -1,4 +1,4 @@
-//! Fitted depths beside those that are to be found.
+//! Comparison of fitted depths with target depths.
 
 use super::LossConfig;
 use burn::tensor::Tensor;
@@ -6,7 +6,7 @@ use burn::tensor::Tensor;
 /// The losses of a batch, each a scalar `[1]`.
 #[derive(Clone, Debug)]
 pub struct Losses {
-    /// The weighted sum, to be differentiated.
+    /// Weighted sum of the losses, to differentiate.
     pub total: Tensor<1>,
     /// Mean absolute error in metres.
     pub l1: Tensor<1>,
@@ -15,7 +15,7 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// A loss that is not one of depths.
+    /// Returns losses without errors of depths.
     pub(super) fn only(total: Tensor<1>) -> Self {
         let nothing = total.zeros_like();
         Self {
@@ -26,22 +26,22 @@ impl Losses {
     }
 }
 
-/// The weights of errors; `None` where all have the same.
+/// Weights of errors; `None` if they are equal.
 #[derive(Default)]
 pub(super) struct ErrorWeights {
-    /// Of each fit, `[images, 1, draws]`.
+    /// Weight of each fit, `[images, 1, draws]`.
     pub(super) fits: Option<Tensor<3>>,
-    /// At each pixel, `[images, pixels, 1]`.
+    /// Weight of each pixel, `[images, pixels, 1]`.
     pub(super) pixels: Option<Tensor<3>>,
 }
 
 impl ErrorWeights {
-    /// Errors, or their squares, `[images, pixels, draws]`, times the weights of their pixels.
+    /// Multiplies errors, or their squares, `[images, pixels, draws]`, by the weights of their pixels.
     fn of_pixels(&self, errors: Tensor<3>) -> Tensor<3> {
         weighted(errors, self.pixels.as_ref())
     }
 
-    /// Errors, or means of them, times the weights of their fits.
+    /// Multiplies errors, or means of errors, by the weights of their fits.
     fn of_fits(&self, errors: Tensor<3>) -> Tensor<3> {
         weighted(errors, self.fits.as_ref())
     }
@@ -54,8 +54,8 @@ fn weighted(errors: Tensor<3>, weights: Option<&Tensor<3>>) -> Tensor<3> {
     }
 }
 
-/// Compares `fitted [images, pixels, draws]` with `depths [images, pixels]`, 0 = none. After a
-/// number of pixels, the others are patches of a height and width.
+/// Compares `fitted [images, pixels, draws]` with `depths [images, pixels]`, 0 = none. The pixels after the first ones form
+/// patches of a height and width.
 pub(super) fn compared(
     fitted: Tensor<3>,
     depths: &Tensor<2>,
@@ -78,7 +78,7 @@ pub(super) fn compared(
     };
     let mut total = absolute * config.l1 + l2.clone() * config.l2;
     if config.rmse > 0.0 {
-        // Smooth where an image is met exactly.
+        // Keeps the root differentiable at an error of 0.
         const LEAST: f64 = 1e-6;
         let means = squares.sum_dim(1) / valid.clone().sum_dim(1).clamp_min(1.0);
         total = total + weights.of_fits((means + LEAST).sqrt()).mean() * config.rmse;
@@ -94,9 +94,9 @@ pub(super) fn compared(
     Losses { total, l1, l2 }
 }
 
-/// Absolute errors, and parabolas above a fifth of the largest (Laina et al. 2016, equation 4).
+/// Returns absolute errors, replaced by parabolas above a fifth of the largest (Laina et al. 2016, equation 4).
 fn reverse_huber(error: Tensor<3>) -> Tensor<3> {
-    /// Where all errors are 0.
+    /// Lower bound, in case all errors are 0.
     const LEAST: f64 = 1e-6;
     let absolute = error.clone().abs();
     let bend = absolute.clone().max().detach() * 0.2;
@@ -108,8 +108,8 @@ fn reverse_huber(error: Tensor<3>) -> Tensor<3> {
     absolute.mask_where(above, parabola)
 }
 
-/// Differences of the error between horizontal and vertical neighbours inside the patches, where
-/// both have a depth, as much as both count.
+/// Returns the mean absolute difference of errors between horizontal and vertical neighbours inside the patches that both have
+/// a depth, weighted by both pixels.
 fn gradient(
     error: Tensor<3>,
     [valid, certain]: [Tensor<3>; 2],
@@ -163,7 +163,7 @@ mod tests {
         let row = |values: [f32; 4], shape: [usize; 3]| {
             Tensor::<3>::from_data(TensorData::new(values.to_vec(), shape), &device)
         };
-        // A patch of 2x2 pixels, without a depth at the last.
+        // A patch of 2x2 pixels, without depth at the last one.
         let fitted = row([3.0, 4.0, 1.0, 9.0], [1, 4, 1]);
         let depths = vec![2.0_f32, 2.0, 2.0, 0.0];
         let depths = Tensor::from_data(TensorData::new(depths, [1, 4]), &device);
@@ -182,7 +182,7 @@ mod tests {
             let found = compared(fitted.clone(), &depths, &weights, (0, (2, 2)), &config);
             f64::from(found.total.into_scalar::<f32>())
         };
-        // Errors 1, 2, -1, of which two pairs are neighbours: steps of 1 and 2.
+        // Errors 1, 2, -1; two pairs are neighbours, with differences of 1 and 2.
         let squares: f64 = (1.0 + 0.5 * 4.0 + 0.25) / 3.0;
         for (losses, expected) in [
             ([1.0, 0.0, 0.0, 0.0], (1.0 + 0.5 * 2.0 + 0.25) / 3.0),
@@ -204,7 +204,7 @@ mod tests {
         let tensor = |values: Vec<f32>, shape: [usize; 3]| {
             Tensor::<3>::from_data(TensorData::new(values, shape), &device)
         };
-        // Two pixels: off by 1 m in a fit to all points, by 3 m in one to a sixteenth of them.
+        // Two pixels with errors of 1 m in a fit to all points, and of 3 m in a fit to a sixteenth of them.
         let fitted = tensor(vec![3.0, 5.0, 3.0, 5.0], [1, 2, 2]);
         let depths = Tensor::from_data(TensorData::new(vec![2.0_f32, 2.0], [1, 2]), &device);
         let total = |shares: Option<Tensor<3>>, l1: f64, rmse: f64| {

@@ -9,23 +9,23 @@ use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What of a network is trained.
+/// Part of a network that is trained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrainedPart {
-    /// Everything, through the fit.
+    /// The whole network, through the fit.
     #[default]
     All,
-    /// The affinity network, through a field without basis functions; the others stay as they are.
+    /// The affinity network, through a field without basis functions; the rest is frozen.
     #[serde(alias = "edges")]
     Affinities,
-    /// The basis functions, through the fit; the affinity network stays as it is.
+    /// The basis functions, through the fit; the affinity network is frozen.
     Bases,
-    /// The map that a pretrained backbone suggests, without fits; the others stay as they are.
+    /// The depth map predicted by a pretrained backbone, without fits; the rest is frozen.
     Map,
 }
 
-/// What turns gradients into steps.
+/// Optimiser of a training run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OptimiserKind {
@@ -38,91 +38,90 @@ pub enum OptimiserKind {
     Muon,
 }
 
-/// What is held out of training as a whole.
+/// Unit of held-out data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum HeldOutUnit {
-    /// Frames, though others of their scenes are learned from: as before scenes were known.
+    /// Frames, even if training uses other frames of their scenes, as in versions without scenes.
     Frames,
-    /// Scenes, where they are known ([`Scenes`]).
+    /// Whole scenes, if they are known ([`Scenes`]).
     #[default]
     Scenes,
 }
 
-/// How to train; the defaults are the paper's.
+/// Settings of training; the defaults are the paper's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainConfig {
     /// Number of optimiser steps.
     pub steps: usize,
-    /// Images per step.
+    /// Number of images per step.
     pub batch: usize,
-    /// What turns gradients into steps.
+    /// Optimiser.
     pub optimiser: OptimiserKind,
     /// Peak learning rate.
     pub learning_rate: f64,
     /// L2 penalty added to the gradient, in Adam and SGD.
     pub weight_decay: f32,
-    /// Largest norm of the gradient of one tensor, in Adam and SGD; absent = not limited.
+    /// Largest gradient norm per tensor, in Adam and SGD; no limit if absent.
     pub clip: Option<f32>,
-    /// The learning rate over time.
+    /// Schedule of the learning rate.
     pub schedule: Schedule,
-    /// How much of the average of the network is kept in a step; the average is what is measured and
-    /// written. Absent = the network as it is.
+    /// Decay of the running average of the network per step; the average is evaluated and written. Absent: the network itself.
     pub average: Option<f64>,
-    /// The share of steps after which batch normalisation keeps its running statistics; 1 = never.
+    /// Fraction of the steps after which batch normalisation freezes its running statistics; 1 = never.
     pub freeze_statistics: f64,
-    /// The run's seed: weights, order, augmentation, points.
+    /// Seed of the run: weights, order, augmentation, points.
     pub seed: u64,
-    /// Threads that prepare batches.
+    /// Number of threads that prepare batches.
     pub workers: usize,
-    /// Steps between checkpoints.
+    /// Number of steps between checkpoints.
     pub save_every: usize,
-    /// Steps between measurements on frames kept out of training.
+    /// Number of steps between evaluations on held-out frames.
     pub measure_every: usize,
-    /// The number of frames kept out of training for that.
+    /// Number of held-out frames to evaluate.
     pub held_out: usize,
-    /// What these are taken from: "scenes", none of whose frames are learned from, or "frames".
+    /// Unit of held-out data: "scenes", of which no frame is trained on, or "frames".
     pub held_out_by: HeldOutUnit,
-    /// A list of the scenes of all frames, FRAME,SCENE in each line; absent: the first folder in which the names of frames
-    /// differ.
+    /// List of the scenes of all frames, with FRAME,SCENE in each line; if absent, the scene is the first folder in which the
+    /// names of frames differ.
     pub scenes: Option<PathBuf>,
-    /// Whether, after the last step, the prior over weights is learned from training frames and its
-    /// noise from held-out ones, and completion uses it (see `fit.prior`).
+    /// Whether the prior over weights is learned after the last step, from training frames, with its noise from held-out
+    /// frames; completion then uses it (see `fit.prior`).
     pub calibrate: bool,
-    /// What is trained.
+    /// Part of the network that is trained.
     pub part: TrainedPart,
-    /// Weights to start from: tensors that agree in name and shape are taken.
+    /// Weights to start from: tensors that agree in name and shape are copied.
     pub start: Option<PathBuf>,
-    /// How the stages of a pretrained network are trained, for networks that have such (`network.extractor.backbone`).
+    /// Training of the stages of a pretrained network, for networks that have them (`network.extractor.backbone`).
     pub backbone: BackboneTraining,
-    /// A network that predicts depth where none was measured; absent: only measured depths are learned.
+    /// Teacher that predicts depth at pixels without measurements; if absent, only measured depths are used.
     pub teacher: Option<TeacherConfig>,
-    /// The size at which to train.
+    /// Protocol that determines the training size.
     pub protocol: Protocol,
-    /// Random changes of the frames.
+    /// Random augmentation of the frames.
     pub augment: AugmentConfig,
-    /// The number of different views of each frame that these make; 0: a new one in every pass.
+    /// Number of different augmented views of each frame; 0: a new one in every pass.
     pub views: usize,
-    /// The folder of cached features of a pretrained encoder, for networks trained on one; absent: they are
-    /// computed in every step.
+    /// Folder of cached features of a pretrained encoder, for networks trained on one; if absent, they are computed in every
+    /// step.
     pub features: Option<PathBuf>,
     /// Points and patches.
     pub supervision: SupervisionConfig,
-    /// Fits that do not follow outliers, in training; absent = plain ones.
+    /// Robust fits in training; least squares if absent.
     pub robust: Option<Reweighting>,
     /// Weights of the losses.
     pub loss: LossConfig,
 }
 
-/// Training of the stages of a pretrained network.
+/// Settings for training the stages of a pretrained network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BackboneTraining {
-    /// `EfficientNet`-Lite0 as published for `PyTorch`, whose tensors they begin with where `start` has none; absent:
-    /// they begin at random.
+    /// File of `EfficientNet`-Lite0 as published for `PyTorch`, to initialise the tensors that `start` does not have; random if
+    /// absent.
     pub pretrained: Option<PathBuf>,
-    /// Adam moves them with this share of the learning rate.
+    /// Factor on the learning rate of these tensors, in Adam.
     pub rate: f64,
 }
 
@@ -172,16 +171,16 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
-    /// The teacher, if its depths are learned from.
+    /// Returns the teacher, if its depths are training targets.
     pub(super) fn depth_teacher(&self) -> Option<&TeacherConfig> {
         let teacher = self.teacher.as_ref();
         teacher.filter(|teacher| teacher.target != DistillTarget::Measured)
     }
 
-    /// Frames to train on and frames to measure on, as [`Scenes::divide`].
+    /// Returns the training frames and the held-out frames, by [`Scenes::divide`].
     ///
     /// # Errors
-    /// A list of scenes that cannot be used.
+    /// The list of scenes is invalid.
     pub fn divide(&self, frames: &dyn Dataset) -> Result<(Vec<usize>, Vec<usize>)> {
         let scenes = match self.held_out_by {
             HeldOutUnit::Frames => Scenes::unknown(frames),

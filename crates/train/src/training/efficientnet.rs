@@ -1,4 +1,4 @@
-//! `EfficientNet`-Lite0 as it was published for `PyTorch`, by the names that networks here have for its tensors.
+//! Reading `EfficientNet`-Lite0 as published for `PyTorch`, with its tensors renamed for the networks here.
 
 use lsdc_core::network::{BackboneConfig, EPSILON};
 use lsdc_core::weights::Tensor;
@@ -7,9 +7,9 @@ use lsdc_weights::read_tensors;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Added to variances there.
+/// Epsilon added to variances in the published network.
 const OWN_EPSILON: f64 = 1e-3;
-/// Parts of a normalisation there and here.
+/// Tensor names of a normalisation in the published network and here.
 const LINE: [(&str, &str); 4] = [
     ("weight", "gain"),
     ("bias", "shift"),
@@ -17,11 +17,11 @@ const LINE: [(&str, &str); 4] = [
     ("running_var", "running_variance"),
 ];
 
-/// The tensors of the stages of a backbone from a file `efficientnet-lite0*.pth`: those of the classifier and of further
-/// stages are left out.
+/// Reads the tensors of the stages of a backbone from a file `efficientnet-lite0*.pth`, without those of the classifier and of
+/// further stages.
 ///
 /// # Errors
-/// A file that cannot be read, is damaged, or lacks one of these tensors.
+/// The file cannot be read, is damaged, or lacks one of these tensors.
 pub(crate) fn read_backbone(
     path: &Path,
     config: BackboneConfig,
@@ -83,7 +83,7 @@ mod tests {
         decoder: 8,
     };
 
-    /// As `scripts/golden_backbone.py` has it.
+    /// The same formula as in `scripts/golden_backbone.py`.
     fn chirp(index: usize, count: usize) -> Vec<f64> {
         let value = |i: usize| {
             let i = i as f64;
@@ -92,7 +92,8 @@ mod tests {
         (0..count).map(value).collect()
     }
 
-    /// A file with the tensors of the script, by their published names; their sums are not those of any network.
+    /// Writes a file with the tensors of the script, by their published names; their sums differ from those of the published
+    /// network.
     fn file(folder: &Path) -> std::path::PathBuf {
         let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
         let mut index = 0;
@@ -165,7 +166,7 @@ mod tests {
         let net = fill_part(tensors, network.init(0, &device).unwrap()).unwrap();
         let (height, width) = (37, 50);
         let image = chirp(1000, 3 * height * width);
-        // From channels first to channels last.
+        // Channels first to channels last.
         let pixel = |i: usize| image[i % 3 * height * width + i / 3] as f32;
         let image: Vec<f32> = (0..image.len()).map(pixel).collect();
         let image = TensorData::new(image, [1, height, width, 3]);

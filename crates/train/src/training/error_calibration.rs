@@ -1,4 +1,4 @@
-//! The distribution of the errors of completed depth, learned from frames that the network has not seen.
+//! Calibration of the error distribution of completed depth, on frames that the network was not trained on.
 
 use super::truth::{limited, task};
 use super::{Scenes, TrainConfig};
@@ -14,39 +14,38 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Numbers of points at which the distribution is learned.
 pub const NUMBERS: [usize; CALIBRATION_NODES] = [5, 50, 500, 5000];
-/// The largest of them.
+/// The largest number of points.
 const MOST: usize = NUMBERS[CALIBRATION_NODES - 1];
-/// Frames that it is learned from at most.
+/// Limit of frames for the calibration.
 const FRAMES: usize = 80;
-/// Pixels of each completion.
+/// Number of pixels sampled per completion.
 const PIXELS: usize = 300;
-/// Parts that scenes are divided into, to measure on each what was learned from the others.
+/// Number of groups of scenes for cross-validation.
 const PARTS: u64 = 4;
 
-/// What was learned, and how well it holds on scenes that it was not learned from.
+/// A calibrated error distribution, with its cross-validated coverage.
 #[derive(Clone, Debug)]
 pub struct ErrorCalibration {
     /// The distribution learned from all frames.
     pub model: ErrorModel,
-    /// For each of [`NUMBERS`], the share of errors within intervals of 68.27 and 95.45 %, with exponents
-    /// learned from other [scenes](Scenes::unit); `None` for a single scene.
+    /// For each of [`NUMBERS`], the shares of errors within intervals of 68.27 and 95.45 %, with exponents learned from other
+    /// [scenes](Scenes::unit); `None` for a single scene.
     pub coverage: Option<[(f64, f64); CALIBRATION_NODES]>,
-    /// The number of frames that it was learned from.
+    /// Number of frames used for the calibration.
     pub frames: usize,
-    /// How many of these have so few depths that half of them were given instead of the largest of [`NUMBERS`].
+    /// Number of these frames that have so few depths that half of them were given instead of the largest of [`NUMBERS`].
     pub halved: usize,
 }
 
-/// The errors of one frame, for each number of points.
+/// Errors of a frame, for each number of points.
 type Errors = [Vec<ErrorSample>; CALIBRATION_NODES];
 
-/// Learns the distribution of errors from some of the frames at `which`, the same number of each scene as far as
-/// there are as many, with points in six ways: drawn at random, on a grid, on lines, at corners, in one half of the
-/// image, and drawn at random with noise of known standard deviations. Of sparse depths, at most half are given,
-/// whatever the number is.
+/// Learns the distribution of errors from a subset of the frames at `which`, balanced over scenes as far as possible. Points
+/// are arranged in six ways: random, on a grid, on lines, at corners, in one half of the image, and random with noise of known
+/// standard deviations. Of sparse depths, at most half are given, whatever the number is.
 ///
 /// # Errors
-/// Frames that cannot be read, or too few to learn from.
+/// Frames cannot be read, or there are too few.
 pub(super) fn error_calibration(
     completer: &Completer,
     frames: &dyn Dataset,
@@ -115,12 +114,13 @@ pub(super) fn error_calibration(
     })
 }
 
-/// The errors at some pixels of a frame, with points in every pattern.
+/// Measures the errors at some pixels of a frame, with points in every pattern.
 fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
     let scene = scene(completer, &frame.rgb)?;
     let mut found = Errors::default();
     for (samples, number) in found.iter_mut().zip(NUMBERS) {
-        // A pattern may meet next to none of sparse depths: that is no completion of this number of points.
+        // A pattern may contain almost none of the sparse depths; such draws do not count as completions of this number of
+        // points.
         let fewest = if frame.is_sparse() {
             NUMBERS[0].max(limited(frame, number) / 2)
         } else {
@@ -155,8 +155,8 @@ fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
     Ok(found)
 }
 
-/// Some pixels with true depths, and their blocks on a grid of these rows and columns: the middles of random blocks, as
-/// far as they are known, or of sparse depths any pixels that are.
+/// Returns some pixels with true depths, and their blocks on a grid of these rows and columns: the centres of random blocks, if
+/// their depth is known; for sparse depths, any pixels with a depth.
 fn pixels(
     truth: &DepthMap,
     is_sparse: bool,
@@ -185,7 +185,7 @@ fn pixels(
     middles.filter(|(_, point)| point.depth > 0.0).collect()
 }
 
-/// About `number` points of a frame, in different patterns, and what they are compared with.
+/// Returns about `number` points of a frame in different patterns, with the depths to compare with.
 fn arrangements(
     frame: &Frame,
     number: usize,
@@ -199,7 +199,7 @@ fn arrangements(
         height * width
     };
     let step = (candidates as f64 / number as f64).sqrt() as usize;
-    // A laser scanner of 64 lines has 5,000 points in an image of this kind.
+    // A laser scanner with 64 lines has 5,000 points in such an image.
     let lines = ((number as f64).powf(0.45).round() as usize).max(2);
     let lines = Pattern::Lines(lines).draw(frame, seed)?;
     let thinned = |map: DepthMap| {
@@ -227,7 +227,7 @@ fn arrangements(
         .collect()
 }
 
-/// The same points as measured with noise of known standard deviations, which differ from point to point.
+/// Returns the points with simulated noise of known standard deviations, which differ between points.
 fn measured(points: &Observations, id: &str, seed: u64) -> Observations {
     let mut rng = Rng::stream(seed, &["measured", id]);
     let relative = 10.0_f32.powf(rng.range(-2.5, -1.0));

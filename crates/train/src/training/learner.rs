@@ -1,4 +1,4 @@
-//! One step of training.
+//! A training step.
 
 use super::average::follow;
 use super::config::{OptimiserKind, TrainedPart};
@@ -20,22 +20,22 @@ use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer, SgdConfig};
 use lsdc_core::fit::FitConfig;
 use lsdc_files::error::{Cause, Error, Result};
 
-/// The losses that a step minimises.
+/// The losses minimised by a step.
 pub trait Objective<M>: Sync {
-    /// The losses of a batch.
+    /// Computes the losses of a batch.
     ///
     /// # Errors
-    /// A batch without something that the network needs.
+    /// The batch lacks an input of the network.
     fn losses(&self, net: &M, batch: &Batch) -> Result<Losses>;
 }
 
-/// Basis functions whose fits are near the depths.
+/// Training of basis functions by comparing fits with the depths.
 pub struct FitObjective {
     fit: FitConfig,
     robust: Option<Reweighting>,
     loss: LossConfig,
     part: TrainedPart,
-    /// The network of a teacher, which is compared with.
+    /// Network of a teacher, to compare with.
     teacher: Option<BasisNet>,
 }
 
@@ -56,20 +56,20 @@ impl Objective<BasisNet> for FitObjective {
     }
 }
 
-/// A network with its optimiser, and what it is to learn.
+/// A network with its optimiser and objective.
 pub struct Learner<M = BasisNet, O = FitObjective> {
     pub(super) net: M,
     pub(super) optimiser: ModuleOptimizer,
     objective: O,
-    /// The average over steps, and how much of it is kept in one.
+    /// Running average over steps, and its decay per step.
     pub(super) average: Option<(M, f64)>,
 }
 
 impl Learner {
-    /// Starts with a network on an autodiff device, and the optimiser of `config`.
+    /// Creates a learner from a network on an autodiff device, with the optimiser of `config`.
     pub fn new(net: BasisNet, fit: &FitConfig, config: &TrainConfig) -> Self {
         let net = match config.part {
-            // Affinities or a map alone run nothing that is not trained.
+            // With affinities or a map alone, only trained parts are run.
             TrainedPart::All | TrainedPart::Affinities | TrainedPart::Map => net,
             TrainedPart::Bases => net.fix_affinities(),
         };
@@ -83,8 +83,8 @@ impl Learner {
         Self::with(net, objective, config)
     }
 
-    /// Compares the network with that of a teacher, as far as losses need it: one for images of the same size and
-    /// normalisation, not on an autodiff device.
+    /// Sets the network of a teacher, for the losses that compare with it: for images of the same size and normalisation, not
+    /// on an autodiff device.
     #[must_use]
     pub fn with_teacher(mut self, teacher: Option<BasisNet>) -> Self {
         self.objective.teacher = teacher;
@@ -93,7 +93,7 @@ impl Learner {
 }
 
 impl<M: Module, O: Objective<M>> Learner<M, O> {
-    /// Starts with a network on an autodiff device, what it is to learn, and the optimiser of `config`.
+    /// Creates a learner from a network on an autodiff device and an objective, with the optimiser of `config`.
     pub fn with(net: M, objective: O, config: &TrainConfig) -> Self {
         let decay = WeightDecayConfig::new(config.weight_decay);
         let clip = config.clip.map(GradientClippingConfig::Norm);
@@ -116,7 +116,7 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
                     .with_gradient_clipping(clip)
                     .init()
             }
-            // The name that layers give what they multiply with.
+            // The name of the weights in all layers.
             OptimiserKind::Muon => {
                 let group = ParamGroup::from_predicate("weight");
                 adam.init().with_group(group, FlattenedMuon::new(), None)
@@ -132,23 +132,23 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
         }
     }
 
-    /// The network to be used: its average over steps, or as it is now.
+    /// Returns the network for inference: the average over steps, or the current one.
     pub fn net(&self) -> &M {
         self.average.as_ref().map_or(&self.net, |(net, _)| net)
     }
 
-    /// Lets batch normalisation use its running statistics from now on.
+    /// Makes batch normalisation use its running statistics from now on.
     #[must_use]
     pub fn freeze_statistics(mut self) -> Self {
         self.net = self.net.map(&mut FreezeStatistics);
         self
     }
 
-    /// One step with a learning rate, of this number, counted from 1: on one batch, or on
-    /// shares of it on several devices, the first of them that of the network.
+    /// Takes a step with a learning rate; `number` counts steps from 1. The batch may be divided among several devices, the
+    /// first of which is that of the network.
     ///
     /// # Errors
-    /// No share, or a loss that is not finite.
+    /// There is no share, or the loss is not finite.
     pub fn step(
         mut self,
         shares: &[Batch],
@@ -167,7 +167,7 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
     }
 }
 
-/// Gradients of the loss times `part`, and the losses.
+/// Computes the gradients of the loss times `part`, and the losses.
 fn descent<M: Module>(
     objective: &impl Objective<M>,
     net: &M,
@@ -219,7 +219,7 @@ mod tests {
         }
     }
 
-    /// Two rooms.
+    /// Returns a batch of two rooms.
     fn batch(device: &Device) -> Batch {
         let rooms = RoomsConfig {
             width: 48,
@@ -247,7 +247,7 @@ mod tests {
     fn network() -> NetworkConfig {
         NetworkConfig {
             extractor: ExtractorConfig {
-                // It begins with zeros, behind which nothing moves in the first step.
+                // Sharpening is initialised to zero, so that its inputs have no gradient in the first step.
                 sharpening: 0,
                 ..ExtractorConfig::slimmer()
             },
@@ -313,7 +313,7 @@ mod tests {
             after["extractor.decoder.map.weight"],
             before["extractor.decoder.map.weight"]
         );
-        // It is the first function.
+        // The map is the first basis function.
         let (net, images) = (learner.net(), batch.images.clone());
         let map = net.map_at(images.clone(), batch.size, &batch.pixels);
         let bases = net.bases(images, None).at(batch.size, &batch.pixels);
@@ -337,7 +337,7 @@ mod tests {
         config.backbone.rate = 0.05;
         config.weight_decay = 0.0;
         let mut learner = Learner::new(net, &fit(), &config).freeze_statistics();
-        // In the first step nothing behind it multiplies what it sees.
+        // In the first step, the following layers are zero, so it has no gradient.
         for number in 1..=2 {
             (learner, _) = learner.step(&[batch(&device)], 1e-2, number).unwrap();
         }
@@ -349,7 +349,7 @@ mod tests {
             }
             let pairs = tensor.values().iter().zip(after[name].values());
             let most = pairs.fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
-            // The first step of Adam that has a gradient is not larger than the rate.
+            // The first step of Adam with a gradient is at most as large as the rate.
             assert!(most < 1.01 * 0.05 * 1e-2, "{name}: {most}");
             moved += usize::from(most > 0.0);
         }

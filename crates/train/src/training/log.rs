@@ -1,4 +1,4 @@
-//! The run's record of numbers: one JSON object a line.
+//! The metrics log of a run: one JSON object per line.
 
 use lsdc_eval::data::write_atomically;
 use lsdc_eval::metrics::Scores;
@@ -9,35 +9,35 @@ use std::path::{Path, PathBuf};
 
 const FILE: &str = "metrics.jsonl";
 
-/// What happens during a run; also the lines of `metrics.jsonl`.
+/// Events during a run, and the lines of `metrics.jsonl`.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[serde(rename_all = "lowercase", untagged)]
 pub enum TrainingEvent {
-    /// A step was made.
+    /// A step was completed.
     Step {
-        /// Steps so far.
+        /// Number of steps so far.
         step: usize,
-        /// The weighted sum of the losses.
+        /// Weighted sum of the losses.
         loss: f64,
         /// Mean absolute error in metres.
         l1: f64,
-        /// Root of the mean squared error in metres, over the batch.
+        /// Root mean squared error of the batch, in metres.
         rmse: f64,
-        /// The learning rate.
+        /// Learning rate.
         rate: f64,
-        /// Duration of the step.
+        /// Duration of the step in seconds.
         seconds: f64,
     },
-    /// The frames kept out of training were completed from 500 points.
+    /// Held-out frames were completed from 500 points.
     Measured {
-        /// Steps so far.
+        /// Number of steps so far.
         step: usize,
-        /// Mean scores.
+        /// Mean scores on held-out frames.
         held_out: Scores,
     },
 }
 
-/// A line of `metrics.jsonl`, as far as runs read it.
+/// The fields of a line of `metrics.jsonl` that runs read.
 #[derive(Deserialize)]
 struct Line {
     step: usize,
@@ -45,7 +45,7 @@ struct Line {
     seconds: f64,
 }
 
-/// The sum of the times of all steps of a run.
+/// Returns the total time of all steps of a run, in seconds.
 pub(super) fn seconds(run: &Path) -> Result<f64> {
     let path = run.join(FILE);
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
@@ -54,14 +54,14 @@ pub(super) fn seconds(run: &Path) -> Result<f64> {
     Ok(lines.map(|line| line.seconds).sum())
 }
 
-/// Appends to `metrics.jsonl`.
+/// A log that appends lines to `metrics.jsonl`.
 pub(super) struct Log {
     path: PathBuf,
     file: std::fs::File,
 }
 
 impl Log {
-    /// Opens the log of a run that goes on after `step`; later lines are dropped.
+    /// Opens the log of a run that resumes after `step`; later lines are dropped.
     pub(super) fn open(run: &Path, step: usize) -> Result<Self> {
         let path = run.join(FILE);
         if let Ok(text) = std::fs::read_to_string(&path) {

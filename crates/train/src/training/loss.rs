@@ -1,4 +1,4 @@
-//! The three losses of the paper (section 3.4), on the pixels of a batch.
+//! The losses of the paper (section 3.4), at the pixels of a batch.
 
 use super::affinities::step_neg_log_likelihood;
 use super::compare::{ErrorWeights, compared};
@@ -10,8 +10,8 @@ use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::fit::{FitConfig, FitMethod};
 use lsdc_files::error::{Error, Result};
 
-/// Runs the network once and one fit per draw, and compares with the depths of the batch, and with the outputs of a
-/// teacher's network if there are any.
+/// Runs the network once and one fit per draw, and compares the fits with the depths of the batch, and the network with that of
+/// a teacher if there is one.
 pub fn losses(
     net: &BasisNet,
     batch: &Batch,
@@ -80,14 +80,14 @@ pub fn losses(
     losses
 }
 
-/// Weights `[images, functions, 1]` of the first function alone.
+/// Returns weights `[images, functions, 1]` of the first function alone.
 fn first_of(images: usize, functions: usize) -> Vec<f32> {
     let one = |i: usize| f32::from(u8::from(i.is_multiple_of(functions)));
     (0..images * functions).map(one).collect()
 }
 
-/// The absolute and root mean squared differences of the logarithms of maps and depths `[images, pixels]` without their
-/// mean, averaged over images; depths of 0 are not known.
+/// Returns the mean of absolute and root mean squared differences between the logarithms of maps and depths `[images, pixels]`,
+/// without their mean, averaged over images; depths of 0 are unknown.
 fn up_to_scale(maps: Tensor<2>, depths: Tensor<2>) -> Tensor<1> {
     let known = depths.clone().greater_elem(0.0).float();
     let counts = known.clone().sum_dim(1).clamp_min(1.0);
@@ -99,11 +99,11 @@ fn up_to_scale(maps: Tensor<2>, depths: Tensor<2>) -> Tensor<1> {
     (absolute + (squared + 1e-8).sqrt()).mean()
 }
 
-/// Compares the map that the backbone of a network suggests with the depths of a batch, at the pixels of its patches and
-/// points; nothing else of the network is run.
+/// Compares the depth map predicted by the backbone of a network with the depths of a batch, at the pixels of its points and
+/// patches. The rest of the network is not run.
 ///
 /// # Errors
-/// The network has no backbone that predicts such a map.
+/// The network has no backbone that predicts a depth map.
 pub(super) fn map_losses(net: &BasisNet, batch: &Batch, config: &LossConfig) -> Result<Losses> {
     let map = net.map_at(batch.images.clone(), batch.size, &batch.pixels);
     let map = map.ok_or_else(map_of_backbone)?;
@@ -111,13 +111,13 @@ pub(super) fn map_losses(net: &BasisNet, batch: &Batch, config: &LossConfig) -> 
     Ok(Losses::only(loss))
 }
 
-/// What is missing when a map alone is to be trained.
+/// Returns the error for training a map without a backbone.
 pub(super) fn map_of_backbone() -> Error {
     Error::config("`train.part = \"map\"` is for networks whose backbone predicts a map of depth")
         .hint("set `preset = \"lite\"`")
 }
 
-/// The same for a field alone, at every pixel: basis functions are not computed.
+/// Returns the losses of a field without basis functions, at every pixel; basis functions are not computed.
 pub(super) fn field_losses(
     net: &BasisNet,
     batch: &Batch,
@@ -151,8 +151,8 @@ pub(super) fn field_losses(
     losses
 }
 
-/// Compares predicted depths `[draws * images, height, width]` with those of a batch. The errors are those of the first
-/// map; the losses of all maps are added.
+/// Compares predicted depths `[draws * images, height, width]` with those of a batch. The errors are those of the first map;
+/// the losses of all maps are summed.
 pub fn depth_losses(
     depth: Tensor<3>,
     others: impl IntoIterator<Item = Tensor<3>>,
@@ -181,7 +181,7 @@ fn compared_maps(depths: Tensor<2>, batch: &Batch, config: &LossConfig) -> Losse
     compared(depths, &maps, &weights, (0, (height, width)), config)
 }
 
-/// The weighted losses of affinities themselves, as far as their weights are above 0.
+/// Returns the weighted losses of the affinities themselves, if their weights are above 0.
 fn affinity_losses(
     edges: &Tensor<4>,
     batch: &Batch,
@@ -194,13 +194,13 @@ fn affinity_losses(
     measured.into_iter().chain(imitated).collect()
 }
 
-/// The pixels of the candidate points of each image.
+/// Returns the pixels of the candidate points of each image.
 fn candidates(batch: &Batch) -> Vec<Vec<u32>> {
     let lists = batch.pixels.iter();
     lists.map(|list| list[..batch.points].to_vec()).collect()
 }
 
-/// What the errors of each fit are multiplied by, `[images, 1, draws]`; nothing if all count the same.
+/// Returns the weights of the errors of each fit, `[images, 1, draws]`; `None` if they are equal.
 fn fit_weights(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
     if config.balance == 0.0 {
         return None;
@@ -213,7 +213,7 @@ fn fit_weights(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
     Some(shares.permute([1, 2, 0]))
 }
 
-/// Fields `[draws * images, height * width]` at pixels of each image: `[images, pixels, draws]`.
+/// Returns fields `[draws * images, height * width]` at pixels of each image: `[images, pixels, draws]`.
 fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
     let [problems, _] = field.dims();
     let (images, count) = (pixels.len(), pixels.first().map_or(0, Vec::len));
@@ -238,8 +238,8 @@ mod tests {
         let depths = [[1.0, 2.0, 4.0, 0.0], [3.0, 3.0, 3.0, 3.0]];
         let alike = [[0.5, 1.0, 2.0, 9.0], [7.0, 7.0, 7.0, 7.0]];
         assert!(loss(alike, depths) < 1e-3);
-        // Logarithms are off by 1, 0 and 2 in the first image: by -1, 0 and 1 without their mean, so that the absolute
-        // difference is 2 / 3 and its square is the root mean squared one.
+        // In the first image, logarithms differ by 1, 0 and 2, or -1, 0 and 1 without their mean. The mean absolute difference
+        // is 2 / 3, and the root mean squared difference is its square root.
         let e = std::f32::consts::E;
         let off = [[e, 2.0, 4.0 * e * e, 1.0], [1.0, 1.0, 1.0, 1.0]];
         let expected = f32::midpoint(2.0 / 3.0, (2.0_f32 / 3.0).sqrt());

@@ -1,4 +1,4 @@
-//! How much each loss counts.
+//! Weights of the losses.
 
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -11,30 +11,29 @@ pub struct LossConfig {
     pub l1: f64,
     /// Mean squared depth error in square metres.
     pub l2: f64,
-    /// Root of the mean squared error of each fit, averaged, in metres: what evaluations report.
-    /// Images that are far off by nature count less than in `l2`.
+    /// Root mean squared error of each fit, averaged, in metres: the metric of evaluations. Images with large errors count less
+    /// than in `l2`.
     pub rmse: f64,
-    /// The reverse Huber loss (Laina et al. 2016): the absolute error, or where it is above a fifth of the largest of the
-    /// batch a parabola that joins it smoothly; in metres.
+    /// Reverse Huber loss (Laina et al. 2016): the absolute error, replaced above a fifth of the largest error of the batch by
+    /// a parabola that joins it smoothly; in metres.
     pub berhu: f64,
     /// Mean absolute error of the differences between neighbouring pixels, in metres.
     pub gradient: f64,
-    /// How far the map that the network suggests (`network.mean`) is from the depth, up to scale: the absolute and the
-    /// root mean squared differences of their logarithms, without their mean (Eigen et al. 2014).
+    /// Loss of the depth map predicted by the network (`network.mean`), up to scale: absolute and root mean squared differences
+    /// of logarithms, without their mean (Eigen et al. 2014).
     pub mean: f64,
-    /// Mean absolute weight of a basis function, in metres.
+    /// Mean absolute weight of the basis functions, in metres.
     pub regularisation: f64,
-    /// The absolute and root mean squared errors of a fit to n points are multiplied by (n / `supervision.points`)
-    /// to this power, so that fits to few points, whose errors are larger by nature, do not drown the others.
+    /// Exponent of the factor (n / `supervision.points`) on the absolute and root mean squared errors of a fit to n points, so
+    /// that fits to few points, which have larger errors, do not dominate.
     pub balance: f64,
-    /// How unlikely the steps of the true depth are, given how far affinities let neighbours differ;
-    /// for fits with a field.
+    /// Negative log likelihood of the steps of the true depth under the affinities; for fits with a field.
     #[serde(alias = "edges")]
     pub affinities: f64,
-    /// Mean squared logarithm of the ratio of affinities to those of the teacher's network; for fits with a field.
+    /// Mean squared logarithm of the ratio between affinities and those of the teacher's network; for fits with a field.
     pub teacher_affinities: f64,
-    /// The share of the basis functions of the teacher's network that the network's own cannot represent, in squares,
-    /// each function counting the same: from 0 to 1.
+    /// Squared fraction of the teacher's basis functions that the network's own cannot represent, each function weighted
+    /// equally: from 0 to 1.
     pub teacher_span: f64,
 }
 
@@ -57,7 +56,7 @@ impl Default for LossConfig {
 }
 
 impl LossConfig {
-    /// The loss of the map that the network suggests, and no other.
+    /// Returns the weights for the loss of the predicted map alone.
     pub(super) fn of_map(mean: f64) -> Self {
         Self {
             l1: 0.0,
@@ -69,7 +68,7 @@ impl LossConfig {
         }
     }
 
-    /// Whether the network of a teacher is compared with.
+    /// Returns whether the network is compared with that of a teacher.
     pub fn compares_networks(&self) -> bool {
         self.teacher_affinities > 0.0 || self.teacher_span > 0.0
     }

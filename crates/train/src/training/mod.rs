@@ -1,4 +1,4 @@
-//! Training: losses, steps, checkpoints, the run, and what is learned once it is over.
+//! Training: losses, steps, checkpoints, runs, and calibration after a run.
 
 mod affinities;
 mod average;

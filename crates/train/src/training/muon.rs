@@ -1,10 +1,10 @@
-//! Muon (Jordan et al. 2024) for the weights of convolutions and linear layers: steps along the
-//! nearest orthogonal matrix, as large as those of Adam (Liu et al. 2025, arXiv 2502.16982).
+//! Muon (Jordan et al. 2024) for the weights of convolutions and linear layers: steps along the nearest orthogonal matrix, as
+//! large as those of Adam (Liu et al. 2025, arXiv 2502.16982).
 
 use burn::optim::{AdjustLrFn, LearningRate, Muon, MuonConfig, MuonState, Optimizer};
 use burn::tensor::{Device, Tensor};
 
-/// Muon for tensors of any rank: the first axis against all others.
+/// Muon for tensors of any rank, flattened to a matrix with the first axis as rows.
 #[derive(Clone)]
 pub(super) struct FlattenedMuon(Muon);
 
@@ -67,7 +67,7 @@ mod tests {
         let gradient = Mat::from_fn(rows, columns, |r, c| f64::from(values[r * columns + c]));
         let svd = gradient.thin_svd().unwrap();
         let along = svd.U().transpose() * step * svd.V();
-        // Five iterations bring singular values to between 0.68 and 1.13 (Jordan et al. 2024).
+        // Five iterations map singular values to between 0.68 and 1.13 (Jordan et al. 2024).
         for r in 0..rows {
             for c in 0..rows {
                 let value = along[(r, c)];

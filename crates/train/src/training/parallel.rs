@@ -1,7 +1,6 @@
-//! A batch over several devices: each computes the gradients of its share of the images with a copy
-//! of the network, and their sum is that of the whole batch (but for means over pixels, where some
-//! have no depth: each share has its own). Batch normalisation sees one share at a time, and its
-//! running statistics follow the first.
+//! Data parallelism over several devices: each computes the gradients of its share of the images with a copy of the network.
+//! Their sum is the gradient of the whole batch, except for means over pixels with missing depths, which are taken within each
+//! share. Batch normalisation sees one share at a time, and its running statistics follow the first share.
 
 use super::step::StepLosses;
 use crate::sample::Batch;
@@ -10,10 +9,10 @@ use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::Device;
 use lsdc_files::error::{Cause, Error, Result};
 
-/// The gradients of all shares on the device of the network, and the losses of the whole batch.
+/// Returns the gradients of all shares on the device of the network, and the losses of the whole batch.
 ///
-/// `compute` yields those of one share, with the loss multiplied by a factor. Shares are summed in
-/// their order, so that the same shares give the same bits.
+/// `compute` returns those of one share, with the loss multiplied by a factor. Shares are summed in order, so that equal shares
+/// give identical results.
 pub(super) fn gradients<M: Module>(
     net: &M,
     shares: &[Batch],
@@ -53,8 +52,8 @@ pub(super) fn gradients<M: Module>(
     Ok((sum.grads(), step))
 }
 
-/// A copy of the network on an autodiff device. Clones, and what burn calls forks, share running
-/// statistics; a copy without gradients has its own.
+/// Copies a network to an autodiff device. Clones, and burn's forks, share running statistics; a copy without gradients has its
+/// own.
 fn replica<M: Module>(net: &M, device: &Device) -> M {
     net.valid().to_device(&device.clone().inner()).train()
 }
@@ -74,7 +73,7 @@ mod tests {
     const SIZE: (usize, usize) = (12, 16);
     const PIXELS: usize = SIZE.0 * SIZE.1;
 
-    /// Three images of which every pixel is a point; a part of them.
+    /// Returns a part of three images in which every pixel is a point.
     fn batch(images: Range<usize>, device: &Device) -> Batch {
         let mut rng = Rng::stream(5, &[]);
         let colours: Vec<f32> = (0..3 * 3 * PIXELS).map(|_| rng.normal()).collect();
@@ -111,7 +110,7 @@ mod tests {
         }
     }
 
-    /// The values of all tensors, running statistics among them.
+    /// The values of all tensors, including running statistics.
     struct Values(Vec<f32>);
 
     impl ModuleVisitor for Values {

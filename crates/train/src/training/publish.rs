@@ -1,4 +1,4 @@
-//! What a run measures, and what its weights file holds beside the network.
+//! Evaluation of a run, and the notes of its weights file.
 
 use super::record::TrainingRecord;
 use super::run::{Subject, Trainer};
@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 
 impl<S: Subject> Trainer<S> {
-    /// The scores on the frames kept out of training.
+    /// Returns the scores on the held-out frames.
     ///
     /// # Errors
-    /// Frames that cannot be read or completed.
+    /// Frames cannot be read or completed.
     pub(super) fn measure(&self, method: &dyn DepthCompleter) -> Result<Scores> {
         let mut accumulator = ScoreAccumulator::default();
         for &index in &self.held_out {
@@ -25,10 +25,10 @@ impl<S: Subject> Trainer<S> {
         Ok(accumulator.mean().unwrap_or_default())
     }
 
-    /// The same as weights files hold them; nothing if no frame is kept out.
+    /// Returns the scores on the held-out frames as a note for weights files; `None` without held-out frames.
     ///
     /// # Errors
-    /// Those of the method, or frames that cannot be read or completed.
+    /// The errors of the method, or frames cannot be read or completed.
     pub fn scores_note(
         &self,
         method: impl FnOnce() -> Result<Box<dyn DepthCompleter>>,
@@ -42,12 +42,12 @@ impl<S: Subject> Trainer<S> {
             .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))
     }
 
-    /// The file of the result.
+    /// Returns the path of the resulting weights.
     pub fn weights_path(&self) -> PathBuf {
         self.folder.join("weights.safetensors")
     }
 
-    /// The settings of the training, as weights files hold them.
+    /// Returns the training settings as a note for weights files.
     ///
     /// # Errors
     /// None for a checked configuration.
@@ -56,7 +56,7 @@ impl<S: Subject> Trainer<S> {
             .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))
     }
 
-    /// The record of the run for weights files; its subject has these settings.
+    /// Returns the record of the run for weights files; `settings` are those of its subject.
     pub(super) fn record(&self, mut settings: Value) -> Result<TrainingRecord> {
         settings["train"] = json!(self.config);
         settings["devices"] = json!(self.devices.len());

@@ -1,4 +1,4 @@
-//! The record of a run in its weights: how they were made.
+//! The provenance of trained weights.
 
 use super::TrainConfig;
 use super::log::seconds;
@@ -12,11 +12,11 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Known before the first step, so that files which are gone after the last one are missed by nobody.
+/// Collected before the first step, so that files deleted during the run are not needed.
 pub struct TrainingRecord {
-    /// Of the weights that it starts from.
+    /// History of the weights that the run starts from.
     before: Vec<HistoryEntry>,
-    /// The network of these, and their prior.
+    /// Network and prior of the weights that the run starts from.
     start: Option<(NetworkConfig, Prior)>,
     sources: Vec<SourceWeights>,
     data: Value,
@@ -53,16 +53,16 @@ impl TrainingRecord {
         })
     }
 
-    /// The prior of the weights that it starts from, if it is one over functions such as those of a network.
+    /// Returns the prior of the weights that the run starts from, if its functions match those of `network`.
     pub(super) fn start_prior(&self, network: &NetworkConfig) -> Option<&Prior> {
         let (start, prior) = self.start.as_ref()?;
         (start.bases == network.bases && start.mean == network.mean).then_some(prior)
     }
 
-    /// Adds it to the notes of weights whose run in `folder` has made its last step.
+    /// Adds the record to the notes of weights after the last step of the run in `folder`.
     ///
     /// # Errors
-    /// Notes or a log that cannot be read.
+    /// Notes or a log cannot be read.
     pub fn add_to(self, notes: &mut BTreeMap<String, String>, folder: &Path) -> Result<()> {
         let made = HistoryEntry {
             sources: self.sources,

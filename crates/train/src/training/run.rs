@@ -1,4 +1,4 @@
-//! A training run: its folder, its loop, stopping and going on.
+//! A training run: its folder, its loop, and stopping and resuming it.
 
 use super::checkpoint::Checkpoints;
 use super::learner::Objective;
@@ -22,74 +22,74 @@ use std::time::Instant;
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunOutcome {
-    /// All steps were made; `weights.safetensors` is written.
+    /// All steps are complete; `weights.safetensors` is written.
     Finished,
     /// Stopped on request after this many steps; a checkpoint is written.
     Stopped(usize),
 }
 
-/// What a run trains, beside its frames and settings.
+/// The subject of a run, apart from its frames and settings.
 pub trait Subject: Sized {
     /// The network.
     type Net: Module;
-    /// What it learns.
+    /// The training objective.
     type Objective: Objective<Self::Net>;
 
-    /// Its settings, for the record in the weights file.
+    /// Returns its settings, for the record in the weights file.
     fn settings(&self) -> Value;
 
-    /// The network before the first step.
+    /// Returns the network before the first step.
     ///
     /// # Errors
-    /// A file of weights that cannot be read, or that does not fit the network.
+    /// A file of weights cannot be read, or does not match the network.
     fn start(&self, run: &Trainer<Self>, device: &Device) -> Result<Self::Net>;
 
-    /// The network with its optimiser, on an autodiff device.
+    /// Returns the network with its optimiser, on an autodiff device.
     ///
     /// # Errors
-    /// As [`start`](Self::start).
+    /// The errors of [`start`](Self::start).
     fn learner(&self, run: &Trainer<Self>, device: &Device) -> Result<LearnerOf<Self>>;
 
-    /// What completes depth with the network as it is now.
+    /// Returns a completer that uses the current network.
     ///
     /// # Errors
-    /// A network that cannot be used.
+    /// The network cannot be used.
     fn completes(&self, run: &Trainer<Self>, net: &Self::Net) -> Result<Box<dyn DepthCompleter>>;
 
-    /// Writes [`weights_path`](Trainer::weights_path) once all steps are made.
+    /// Writes [`weights_path`](Trainer::weights_path) after the last step.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// A file cannot be written.
     fn publish(&self, run: &Trainer<Self>, net: &Self::Net, record: TrainingRecord) -> Result<()>;
 }
 
-/// What learns in the run of a subject.
+/// The learner of a subject.
 type LearnerOf<S> = Learner<<S as Subject>::Net, <S as Subject>::Objective>;
 
-/// Trains a network in a run folder.
+/// Training of a network in a run folder.
 pub struct Trainer<S> {
     pub(super) folder: PathBuf,
     pub(super) subject: S,
     pub(super) config: TrainConfig,
-    /// What the network is measured and calibrated on.
+    /// Frames for evaluation and calibration.
     pub(super) frames: Arc<dyn Dataset>,
-    /// All frames that are learned from, in words that change with their names.
+    /// Description of all training frames, which changes with their names.
     pub(super) data: Value,
-    /// The frames that are learned from, and what is drawn of them.
+    /// Sampler of the training frames.
     pub(super) sampler: Sampler,
-    /// Frames that are kept out of training.
+    /// Indices of the held-out frames.
     pub(super) held_out: Vec<usize>,
     pub(super) normalisation: Normalisation,
-    /// At least one.
+    /// At least one device.
     pub(super) devices: Vec<Device>,
 }
 
 impl<S: Subject> Trainer<S> {
-    /// Prepares a run of a subject, which is made from the normalisation of its images, which is that of their height and
-    /// width.
+    /// Prepares a run. `normalisation` is a function of the height and width of images, and the subject is created from its
+    /// result.
     ///
     /// # Errors
-    /// As [`Trainer::new`], or those of the subject.
+    /// The errors of [`Trainer::new`], or those of the subject.
     pub fn of(
         folder: &Path,
         normalisation: impl FnOnce([usize; 2]) -> Normalisation,
@@ -120,12 +120,11 @@ impl<S: Subject> Trainer<S> {
         })
     }
 
-    /// Computes the cached files of the frames of a shard: the predictions of the teacher, and the features of their
-    /// views. Returns whether all was done before `stop` was set; calls `progress` with the
-    /// number of frames done and of all.
+    /// Computes the cached files of the frames of a shard: the predictions of the teacher, and the features of their views.
+    /// Returns whether all were computed before `stop` was set; calls `progress` with the numbers of frames done and in total.
     ///
     /// # Errors
-    /// Settings by which nothing is cached, frames that cannot be read, or files that cannot be written.
+    /// The settings cache nothing, frames cannot be read, or files cannot be written.
     pub fn prepare(
         &self,
         shard: Shard,
@@ -153,14 +152,14 @@ impl<S: Subject> Trainer<S> {
         Ok(true)
     }
 
-    /// Trains from the last checkpoint of the folder, or from the start, until all steps are made
-    /// or `stop` is set. The same seed gives the same bits, interrupted or not.
+    /// Trains from the last checkpoint of the folder, or from the start, until all steps are complete or `stop` is set. A seed
+    /// gives identical results, also after interruptions.
     ///
     /// # Errors
-    /// Unreadable frames, an unwritable folder, or a loss that is not finite.
+    /// Frames cannot be read, the folder cannot be written, or a loss is not finite.
     pub fn run(&self, stop: &AtomicBool, report: impl FnMut(&TrainingEvent)) -> Result<RunOutcome> {
         let device = self.device().clone().autodiff();
-        // Before the first step: files that it names may be gone after the last.
+        // Collected before the first step: files that it names may be deleted during the run.
         let record = self.record(self.subject.settings())?;
         let learner = self.subject.learner(self, &device)?;
         let (learner, outcome) = self.take_steps(learner, stop, report)?;
@@ -170,7 +169,7 @@ impl<S: Subject> Trainer<S> {
         Ok(outcome)
     }
 
-    /// All steps that are left.
+    /// Runs the remaining steps.
     fn take_steps(
         &self,
         mut learner: Learner<S::Net, S::Objective>,
@@ -225,32 +224,32 @@ impl<S: Subject> Trainer<S> {
         Ok((learner, RunOutcome::Finished))
     }
 
-    /// The folder of the run.
+    /// Returns the folder of the run.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn config(&self) -> &TrainConfig {
         &self.config
     }
 
-    /// How images are normalised, and their size.
+    /// Returns the normalisation of images, with their size.
     pub fn normalisation(&self) -> Normalisation {
         self.normalisation
     }
 
-    /// The device that measures and calibrates.
+    /// Returns the device for evaluation and calibration.
     pub fn device(&self) -> &Device {
         &self.devices[0]
     }
 
-    /// Whether no checkpoint was written yet.
+    /// Returns whether no checkpoint was written yet.
     pub fn is_new(&self) -> bool {
         Checkpoints::new(&self.folder).steps().is_empty()
     }
 
-    /// A batch, divided among the devices as evenly as can be.
+    /// Divides a batch among the devices as evenly as possible.
     fn divided(&self, samples: &[Sample]) -> Result<Vec<Batch>> {
         let count = self.devices.len();
         let bound = |i: usize| i * samples.len() / count;
@@ -263,10 +262,10 @@ impl<S: Subject> Trainer<S> {
             .collect()
     }
 
-    /// Whether all that a new run starts from can be read.
+    /// Checks that all files that a new run starts from can be read.
     ///
     /// # Errors
-    /// A file of weights that cannot be read, or that does not fit the network.
+    /// A file of weights cannot be read, or does not match the network.
     pub fn check_start(&self) -> Result<()> {
         self.subject.start(self, self.device()).map(drop)
     }
@@ -277,7 +276,7 @@ impl<S: Subject> Trainer<S> {
     }
 }
 
-/// Checks what all runs have in common.
+/// Checks the settings common to all runs.
 fn check(config: &TrainConfig, mixture: &Mixture, devices: &[Device]) -> Result<()> {
     config.check()?;
     if !(1..=config.batch).contains(&devices.len()) {

@@ -1,9 +1,9 @@
-//! Parameters that others trained move less than those that begin at random.
+//! Smaller steps for pretrained parameters than for randomly initialised ones.
 
 use burn::optim::{LearningRate, Optimizer};
 use burn::tensor::{Device, Tensor};
 
-/// An optimiser at a share of the learning rate.
+/// An optimiser with a fraction of the learning rate.
 #[derive(Clone)]
 pub(super) struct ScaledRate<O> {
     pub(super) inner: O,
@@ -46,7 +46,7 @@ mod tests {
         let read =
             |(tensor, _): (Tensor<2>, _)| tensor.into_data().iter::<f32>().collect::<Vec<_>>();
         let found = read(slower.step(0.2, start.clone(), gradient.clone(), None));
-        // The first step of Adam is the sign of the gradient, times the rate.
+        // The first step of Adam is the sign of the gradient times the rate.
         for (found, sign) in found.iter().zip([-1.0, 1.0, -1.0, -1.0]) {
             assert!((found - 0.05 * sign).abs() < 1e-4, "{found}");
         }

@@ -1,4 +1,4 @@
-//! Which frames show the same scene: neighbours of a recording must not be on both sides of a division.
+//! Grouping of frames by scene, so that similar frames of a recording are not in both training and held-out data.
 
 use lsdc_eval::data::Dataset;
 use lsdc_files::error::{Error, Result};
@@ -14,12 +14,12 @@ pub struct Scenes {
 }
 
 impl Scenes {
-    /// The scenes that a list names (`FRAME,SCENE` in each line, for all frames), else those of the dataset, else
-    /// the first folder in which the names of frames differ. Without folders, or with one scene only, scenes are unknown,
-    /// and every frame counts as one.
+    /// Reads the scenes from a list (`FRAME,SCENE` in each line, for all frames), otherwise from the dataset, otherwise from
+    /// the first folder in which the names of frames differ. Without folders, or with only one scene, scenes are unknown, and
+    /// every frame counts as a scene.
     ///
     /// # Errors
-    /// A list that cannot be read, or has no scene for a frame.
+    /// The list cannot be read, or has no scene for a frame.
     pub fn of(frames: &dyn Dataset, list: Option<&Path>) -> Result<Self> {
         let names: Vec<String> = (0..frames.len()).map(|index| frames.id(index)).collect();
         let known: Option<Vec<String>> = match list {
@@ -34,17 +34,17 @@ impl Scenes {
         })
     }
 
-    /// The scene of a frame.
+    /// Returns the scene of a frame.
     pub fn name(&self, frame: usize) -> &str {
         &self.of[frame]
     }
 
-    /// What is held out: `scenes`, or `frames` where scenes are unknown.
+    /// Returns the unit of held-out data: `scenes`, or `frames` if scenes are unknown.
     pub fn unit(&self) -> &'static str {
         if self.known { "scenes" } else { "frames" }
     }
 
-    /// Every frame a scene of its own.
+    /// Treats every frame as a scene.
     pub(super) fn unknown(frames: &dyn Dataset) -> Self {
         Self {
             of: (0..frames.len()).map(|index| frames.id(index)).collect(),
@@ -52,8 +52,8 @@ impl Scenes {
         }
     }
 
-    /// Frames, the scenes in the order of their hashes under `purpose`: a first frame of every scene, then a second of
-    /// those that have one, and so on.
+    /// Returns the frames, interleaved over scenes in the order of their hashes under `purpose`: the first frame of every
+    /// scene, then the second frame of scenes that have one, and so on.
     pub(super) fn spread(
         &self,
         frames: &dyn Dataset,
@@ -79,9 +79,10 @@ impl Scenes {
         ranked.into_iter().map(|(_, _, index)| index).collect()
     }
 
-    /// Frames to train on and `count` frames to measure on, of other scenes: of those whose names have the smallest
-    /// hashes, so that adding frames moves few. They are a tenth of the scenes, but no more than `count`, or as many as
-    /// have that many frames; and at most half of all frames. Other frames of these scenes are in neither list.
+    /// Returns the training frames, and `count` held-out frames of other scenes. Held-out scenes are those whose names have the
+    /// smallest hashes, so that adding frames moves few. They are a tenth of the scenes, but no more than `count`, or as many
+    /// as are needed for `count` frames; and at most half of all frames. The remaining frames of these scenes are in neither
+    /// list.
     pub fn divide(&self, frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
         let mut sizes: HashMap<&str, usize> = HashMap::new();
         for scene in &self.of {
@@ -119,7 +120,7 @@ impl Scenes {
     }
 }
 
-/// The first folder in which names differ, of each; nothing if a name has none there.
+/// Returns the first folder in which names differ, for each name; `None` if a name has no folder there.
 fn folders(names: &[String]) -> Option<Vec<String>> {
     let parts: Vec<Vec<&str>> = names.iter().map(|name| name.split('/').collect()).collect();
     let first = parts.first()?;
@@ -159,7 +160,7 @@ mod tests {
     use lsdc_eval::data::Frame;
     use std::collections::BTreeSet;
 
-    /// Frames of which only the names are known.
+    /// Frames with only names.
     struct Named(Vec<String>);
 
     impl Dataset for Named {
@@ -190,7 +191,7 @@ mod tests {
         let scenes = Scenes::of(&named(kitchen), None).unwrap();
         assert_eq!(scenes.of, ["kitchen-1", "kitchen-1", "hall"]);
         assert_eq!(scenes.unit(), "scenes");
-        // Numbers are no scenes, nor is one folder.
+        // Neither numbers nor a single folder are scenes.
         for names in [["00017", "00018"], ["val/1", "val/2"], ["a/1", "2"]] {
             let scenes = Scenes::of(&named(names), None).unwrap();
             assert_eq!(
@@ -226,10 +227,10 @@ mod tests {
         assert_eq!(names(&held).len(), 3);
         assert!(names(&training).is_disjoint(&names(&held)));
         assert!(training.is_sorted());
-        // As many scenes as have so many frames.
+        // As many scenes as are needed for this many frames.
         let (training, held) = scenes.divide(&frames, 100);
         assert_eq!((training.len(), held.len()), (500, 100));
-        // Never more than half of all, whatever the sizes of scenes are.
+        // At most half of all frames, whatever the sizes of scenes are.
         let lopsided = named((0..10).map(|i| {
             if i == 0 {
                 "a/0".into()

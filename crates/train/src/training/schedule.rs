@@ -1,26 +1,26 @@
-//! The learning rate over a run.
+//! Schedules of the learning rate.
 
 use serde::{Deserialize, Serialize};
 
-/// How the learning rate changes; `progress` below is the share of steps done.
+/// A schedule of the learning rate; `progress` below is the fraction of steps done.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", tag = "kind", deny_unknown_fields)]
 pub enum Schedule {
-    /// The full rate until `at`, a share `factor` of it afterwards.
+    /// The full rate until `at`, then the rate times `factor`.
     Step {
         /// Progress at which the rate drops.
         at: f64,
-        /// What is left of it.
+        /// Factor on the rate after the drop.
         factor: f64,
     },
-    /// A share `factor` of the rate before, after every share `every` of the steps.
+    /// Multiplies the rate by `factor` after each fraction `every` of the steps.
     Steps {
-        /// How far the drops are apart in progress.
+        /// Progress between drops.
         every: f64,
-        /// What each leaves.
+        /// Factor on the rate at each drop.
         factor: f64,
     },
-    /// A linear rise over the first steps, then half a cosine down to 0.
+    /// A linear warm-up, then half a cosine down to 0.
     Cosine {
         /// Progress at which the full rate is reached.
         warmup: f64,
@@ -28,7 +28,7 @@ pub enum Schedule {
 }
 
 impl Default for Schedule {
-    /// The paper's: 1e-4 for 30 of 100 epochs, then 1e-5.
+    /// Returns the schedule of the paper: 1e-4 for 30 of 100 epochs, then 1e-5.
     fn default() -> Self {
         Self::Step {
             at: 0.3,
@@ -38,7 +38,7 @@ impl Default for Schedule {
 }
 
 impl Schedule {
-    /// The share of the full rate at `progress` in `[0, 1]`.
+    /// Returns the fraction of the full rate at `progress` in `[0, 1]`.
     pub fn factor(self, progress: f64) -> f64 {
         match self {
             Self::Step { at, factor } => {
@@ -49,7 +49,7 @@ impl Schedule {
                 }
             }
             Self::Steps { every, factor } => {
-                // Progress is a quotient: a drop does not come a step late.
+                // Tolerates the rounding of progress, so that a drop is not a step late.
                 let drops = (progress / every.max(1e-9) + 1e-9).floor();
                 factor.powf(drops)
             }

@@ -1,4 +1,4 @@
-//! What a run makes of its settings before the first step.
+//! Setup of a run from its settings.
 
 use super::distillation::DistilledDataset;
 use super::efficientnet::read_backbone;
@@ -15,7 +15,7 @@ use lsdc_files::error::{Error, Result};
 use lsdc_weights::open_weights;
 use std::sync::Arc;
 
-/// The weights of the teacher, if its network is compared with.
+/// Returns the weights of the teacher, if its network is compared with.
 pub(super) fn teacher_weights(
     config: &TrainConfig,
     normalisation: &Normalisation,
@@ -39,7 +39,7 @@ pub(super) fn teacher_weights(
     .hint("set `train.protocol` to the size of the teacher, or the losses of a teacher's network to 0"))
 }
 
-/// Whether a network has what `config` trains.
+/// Checks that a network has the part that `config` trains.
 pub(super) fn check_network(network: &NetworkConfig, config: &TrainConfig) -> Result<()> {
     if config.part == TrainedPart::Affinities && network.affinities == 0 {
         return Err(Error::config(
@@ -65,7 +65,7 @@ pub(super) fn check_network(network: &NetworkConfig, config: &TrainConfig) -> Re
     Ok(())
 }
 
-/// The network with the published tensors in its backbone, if they are given.
+/// Loads the published tensors into the backbone of a network, if they are given.
 pub(super) fn with_backbone(
     net: BasisNet,
     network: &NetworkConfig,
@@ -77,7 +77,7 @@ pub(super) fn with_backbone(
     }
 }
 
-/// Samples of the frames that are learned from: all but those held out of the first dataset.
+/// Returns the sampler of the training frames: all but those held out of the first dataset.
 pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler> {
     let (training, _) = config.divide(mixture.first().as_ref())?;
     let parts = mixture.parts().enumerate().map(|(number, (range, share))| {
@@ -108,7 +108,8 @@ pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler>
     Sampler::new(frames, order, config)
 }
 
-/// The protocol by which all frames of a batch are alike: one that keeps the shape of each frame takes that of the first.
+/// Returns the protocol for batches of frames of one size: a protocol that keeps the shape of each frame uses that of the
+/// first.
 pub(super) fn batch_protocol(protocol: &Protocol, frames: &dyn Dataset) -> Result<Protocol> {
     if protocol.pixels.is_none() || frames.is_empty() {
         return Ok(*protocol);
@@ -116,7 +117,7 @@ pub(super) fn batch_protocol(protocol: &Protocol, frames: &dyn Dataset) -> Resul
     Ok(protocol.sized_as(&frames.load(0)?))
 }
 
-/// The height and width at which the network learns: the protocol's, or those of the first frame.
+/// Returns the height and width of training images: those of the protocol, or those of the first frame.
 pub(super) fn input_size(protocol: &Protocol, frames: &dyn Dataset) -> Result<[usize; 2]> {
     Ok(match protocol.crop.or(protocol.resize) {
         Some(size) => [size.height, size.width],

@@ -1,12 +1,12 @@
-//! The losses of one step of training.
+//! Losses of a training step.
 
 use super::Losses;
 use burn::tensor::Tensor;
 
-/// The losses of one batch.
+/// Losses of a batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepLosses {
-    /// The weighted sum.
+    /// Weighted sum of the losses.
     pub loss: f64,
     /// Mean absolute error in metres.
     pub l1: f64,

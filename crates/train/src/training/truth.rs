@@ -1,13 +1,13 @@
-//! Points of a frame, and the true depths that its completion is compared with.
+//! Points of a frame, and the true depths to compare its completion with.
 
 use lsdc_eval::data::{DepthMap, Frame};
 use lsdc_eval::sampling::{CompletionTask, Pattern};
 use lsdc_files::error::Result;
 
-/// Points of a frame, and what is true. Of sparse depths, those that are given are not: there are few others.
+/// Returns the points of a frame with the true depths. Of sparse depths, given ones are excluded from the truth.
 ///
 /// # Errors
-/// Points of another size than the frame.
+/// The points have another size than the frame.
 pub(super) fn task(frame: &Frame, sparse: DepthMap) -> Result<CompletionTask> {
     let truth = if frame.is_sparse() {
         let pairs = frame.depth.values().iter().zip(sparse.values());
@@ -19,7 +19,7 @@ pub(super) fn task(frame: &Frame, sparse: DepthMap) -> Result<CompletionTask> {
     Ok(CompletionTask { sparse, truth })
 }
 
-/// The number of points to give of a frame where `number` are meant: of sparse depths at most half.
+/// Returns the number of points to give when `number` are requested: at most half of sparse depths.
 pub(super) fn limited(frame: &Frame, number: usize) -> usize {
     if frame.is_sparse() {
         number.min(frame.depth.count() / 2).max(1)
@@ -28,7 +28,7 @@ pub(super) fn limited(frame: &Frame, number: usize) -> usize {
     }
 }
 
-/// This many points of a frame, or as many as [`limited`] allows, and what is true.
+/// Returns this many random points of a frame, or as many as [`limited`] allows, with the true depths.
 ///
 /// # Errors
 /// None for a frame with depths.
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
     use image::RgbImage;
 
-    /// A frame of 40x30 pixels, of which each `step`-th is measured.
+    /// Returns a frame of 40x30 pixels in which each `step`-th pixel is measured.
     fn frame(step: usize) -> Frame {
         let values = (0..1200).map(|i| if i % step == 0 { 1.0 + i as f32 } else { 0.0 });
         let depth = DepthMap::new(40, 30, values.collect()).unwrap();

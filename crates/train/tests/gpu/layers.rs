@@ -1,4 +1,4 @@
-//! The kernels of layers against burn's own operations on the CPU in f64, values and gradients.
+//! Values and gradients of the kernels of layers against burn's own operations on the CPU in f64.
 
 use crate::{gpu, off};
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -8,7 +8,7 @@ use lsdc_train::ops::conv_norm::{ConvNormSpec, FixedNorm, conv_norm};
 use lsdc_train::ops::interpolate::{BilinearCell, interpolate};
 use lsdc_train::ops::norm::{NormSpec, moments, normalise};
 
-/// Numbers of a name, around `mean`.
+/// Draws random numbers around `mean`, from the stream of a name.
 fn random(count: usize, name: &str, mean: f64) -> Vec<f64> {
     let mut rng = Rng::stream(0, &["layers", name]);
     (0..count)
@@ -30,7 +30,7 @@ fn read(data: TensorData) -> Vec<f64> {
     data.iter::<f64>().collect()
 }
 
-/// Compares what the GPU makes in f32 with what the CPU makes in f64.
+/// Compares the results of the GPU in f32 with those of the CPU in f64.
 fn check(what: &str, tolerance: f64, run: impl Fn(&Device, DType) -> Vec<Vec<f64>>) {
     let Some(gpu) = gpu() else { return };
     let found = run(&gpu.autodiff(), DType::F32);
@@ -54,7 +54,7 @@ fn convolutions_agree() {
         cases.extend(three.map(|spec| (size, [3, 5], 3, spec)));
         cases.extend([ConvSpec::pointwise(), wide].map(|spec| (size, [6, 4], 1, spec)));
     }
-    // Around the sizes of tiles, and several parts of a gradient.
+    // Sizes around those of tiles, and gradients in several parts.
     for channels in [[16, 32], [17, 33], [64, 64], [70, 130], [130, 20]] {
         cases.extend(three.map(|spec| ([2, 31, 18], channels, 3, spec)));
         cases.push(([2, 31, 18], channels, 1, ConvSpec::pointwise()));
@@ -92,7 +92,7 @@ fn normalisation_agrees() {
                 relu,
                 own,
             };
-            // The mean is large, and must not cost the digits of the variance.
+            // A large mean must not cost precision of the variance.
             check(&format!("{shape:?} {spec:?}"), 1e-4, |device, dtype| {
                 let x = tensor(shape, ("x", 20.0), device, dtype).require_grad();
                 let vector = |name, mean| tensor([shape[3]], (name, mean), device, dtype);

@@ -6,7 +6,7 @@ use lsdc_core::fit::Solver;
 use lsdc_rng::Rng;
 use lsdc_train::ops::{Factored, lstsq};
 
-/// A batch of problems, in values that f32 holds.
+/// A batch of problems with values representable in f32.
 struct Batch {
     shape: [usize; 3],
     bases: Vec<f64>,
@@ -24,8 +24,8 @@ struct Answer {
 }
 
 impl Batch {
-    /// Columns fall by `condition` from the first to the last; a fifth of the second problem's
-    /// rows is padding.
+    /// Creates problems with columns that decrease by `condition` from the first to the last; a fifth of the rows of the second
+    /// problem is padding.
     fn new(shape: [usize; 3], condition: f32) -> Self {
         let [b, n, k] = shape;
         let mut rng = Rng::stream(1, &["gpu"]);
@@ -75,7 +75,7 @@ impl Batch {
         }
     }
 
-    /// Values of the fitted functions at every row.
+    /// Returns the values of the fitted functions at every row.
     fn fitted(&self, solution: &[f64]) -> Vec<f64> {
         let [_, n, k] = self.shape;
         let rows = self.bases.chunks_exact(k).enumerate();
@@ -86,8 +86,7 @@ impl Batch {
         .collect()
     }
 
-    /// Compares the GPU in f32 with the CPU in f64: fitted values and gradients, each relative to
-    /// the largest.
+    /// Compares the GPU in f32 with the CPU in f64: fitted values and gradients, relative to the largest.
     fn check(&self, solver: Solver, tolerance: f64) {
         let Some(gpu) = gpu() else { return };
         let found = self.run(&gpu, DType::F32, solver);
@@ -126,13 +125,13 @@ fn more_points_than_a_block_holds_agree() {
 #[test]
 fn a_ridge_agrees() {
     Batch::new([2, 200, 129], 1e3).check(Solver::Ridge(1e-4), 1e-3);
-    // Half of the directions are held by the ridge alone: a condition of 100, squared in gradients.
+    // Half of the directions are determined by the ridge alone: a condition number of 100, squared in gradients.
     Batch::new([2, 6, 12], 1.0).check(Solver::Ridge(1e-3), 1e-3);
 }
 
 #[test]
 fn ill_conditioned_problems_agree_as_far_as_f32_goes() {
-    // Beyond the limit of the triangular path, and before that of the rank.
+    // Beyond the limit of the triangular path, and within that of the rank.
     Batch::new([2, 120, 12], 3e3).check(EXACT, 1e-2);
 }
 
@@ -157,7 +156,7 @@ fn dependent_functions_agree() {
 
 #[test]
 fn more_functions_than_units_agree() {
-    // Several pairs to a unit, and launches in pieces.
+    // Several pairs per unit, and several launches.
     let mut batch = Batch::new([1, 700, 530], 1.0);
     for row in batch.bases.chunks_exact_mut(530) {
         row[529] = row[1];
@@ -177,10 +176,10 @@ fn padding_gets_no_gradient() {
 #[test]
 fn random_problems_agree_where_the_rank_is_unambiguous() {
     let Some(gpu) = gpu() else { return };
-    // How many times as many problems as usual.
+    // Factor on the number of problems.
     let more: usize = std::env::var("LSDC_PROBLEMS").map_or(1, |n| n.parse().unwrap());
-    // Problems of one shape in one launch: columns that fall to 1e-3, repeated rows, zero rows,
-    // columns that repeat or vanish.
+    // Problems of one shape in one launch: columns that decrease to 1e-3, repeated rows, zero rows, columns that repeat or
+    // vanish.
     for (seed, shape) in [[200, 30, 6], [200, 5, 9], [100, 90, 20]]
         .into_iter()
         .enumerate()

@@ -1,7 +1,7 @@
 //! The GPU against the CPU: kernels, whole completions, and training.
 //!
-//! Without an adapter these tests say so and pass; with `LSDC_REQUIRE_GPU` set they fail. A
-//! software driver (lavapipe) is enough. `LSDC_DEVICE` names another device.
+//! Without an adapter these tests print a message and pass; with `LSDC_REQUIRE_GPU` set they fail. A software driver (lavapipe)
+//! is enough. `LSDC_DEVICE` names another device.
 #![cfg(feature = "wgpu")]
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
@@ -23,7 +23,7 @@ use lsdc_train::sample::{self, AugmentConfig, Sampler, SamplerConfig, Supervisio
 use lsdc_train::training::{Learner, TrainConfig};
 use std::sync::{Arc, LazyLock};
 
-/// The GPU, or a software driver in its place.
+/// Returns the GPU, or a software driver if there is none.
 fn gpu() -> Option<Device> {
     static FOUND: LazyLock<Option<Device>> = LazyLock::new(|| {
         let named = std::env::var("LSDC_DEVICE").ok();
@@ -32,7 +32,7 @@ fn gpu() -> Option<Device> {
         });
         let device = lsdc_train::device::device;
         let name = names.iter().find(|name| device(name).is_ok())?;
-        // A second time, as commands that open weights and systems do.
+        // Opened a second time, as by commands that open weights and systems.
         Some(device(name).unwrap())
     });
     if FOUND.is_none() {
@@ -46,10 +46,10 @@ fn gpu() -> Option<Device> {
     FOUND.clone()
 }
 
-/// Opens weights on a device.
+/// A function that opens weights on a device.
 type Open = fn(&Weights, &Device) -> Result<Completer>;
 
-/// The largest difference over the largest value.
+/// Returns the largest difference relative to the largest value.
 fn off(found: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(found.len(), expected.len());
     assert!(found.iter().all(|v| v.is_finite()));

@@ -16,11 +16,11 @@ const META: &str = "diode_meta.json";
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DiodeConfig {
-    /// Only the frames of one kind of place; both if absent.
+    /// Restricts the dataset to indoor or outdoor frames; both if absent.
     pub place: Option<Environment>,
 }
 
-/// Opens a split by `diode_meta.json` if it lies in `root`, else by what is found.
+/// Opens a split by `diode_meta.json` if it is in `root`, otherwise by searching the folders.
 ///
 /// # Errors
 /// A damaged list, or no frame.
@@ -60,7 +60,7 @@ const PLACES: [(&str, Environment); 2] = [
 fn by_walking(root: &Path, split: Split) -> Result<Vec<FrameFiles>> {
     let mut frames = Vec::new();
     for (name, place) in PLACES {
-        // The devkit's archives unpack to `val/`; its list names the same tree without it.
+        // The devkit's archives unpack to `val/`; its list has the same tree without that folder.
         for prefix in ["{split}/", ""] {
             let stem = format!("{prefix}{name}/{{scene}}/{{scan}}/{{frame}}");
             let config = FolderConfig {
@@ -85,12 +85,12 @@ fn by_walking(root: &Path, split: Split) -> Result<Vec<FrameFiles>> {
     Ok(frames)
 }
 
-/// The frame's own name, which holds those of scene, scan and place.
+/// Returns the last part of the name, which includes scene, scan and place.
 fn last(id: &str) -> &str {
     id.rsplit('/').next().unwrap_or(id)
 }
 
-/// The first part of a frame's own name: `00019_00183_indoors_000_010`.
+/// Returns the first part of the frame's own name, as in `00019_00183_indoors_000_010`.
 fn scene_of(frame: &str) -> Option<String> {
     frame.split_once('_').map(|(scene, _)| scene.to_owned())
 }

@@ -11,23 +11,22 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Where the files lie and how depths are stored.
+/// Paths of the files and storage of depths.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FolderConfig {
     /// Colour files below the root, with names in braces; `{split}` is `train`, or `val` or `test`.
     pub rgb: String,
-    /// The depth file of a colour file, by the same names. The same `.h5` file for both means the
-    /// sparse-to-dense layout: arrays `rgb` and `depth`. Empty: there are only images, to be learned from with a
-    /// teacher.
+    /// Depth file of a colour file, by the same names. The same `.h5` file for both means the sparse-to-dense layout: arrays
+    /// `rgb` and `depth`. If empty, there are only images, for training with a teacher.
     pub depth: String,
-    /// The file of sparse depths, by the same names, if there is one.
+    /// File of sparse depths, by the same names, if there is one.
     pub sparse: Option<String>,
-    /// The file of valid pixels, by the same names, if there is one.
+    /// File of the validity mask, by the same names, if there is one.
     pub mask: Option<String>,
     /// Metres per stored unit. If absent, 0.001 for PNG and PGM (millimetres), 1 for other files.
     pub depth_scale: Option<f64>,
-    /// Where the frames were taken.
+    /// Whether the frames were taken indoors or outdoors.
     pub place: Environment,
 }
 
@@ -45,7 +44,7 @@ impl Default for FolderConfig {
 }
 
 impl FolderConfig {
-    /// Metres per stored unit.
+    /// Returns the metres per stored unit.
     pub(super) fn scale(&self) -> f64 {
         let millimetres = ["png", "pgm"]
             .into_iter()
@@ -59,7 +58,7 @@ impl FolderConfig {
 #[derive(Clone, Debug, Default)]
 pub(super) struct FrameFiles {
     pub(super) id: FrameId,
-    /// Where it is not a folder in the name.
+    /// Scene, if it is not a folder in the name.
     pub(super) scene: Option<String>,
     pub(super) rgb: PathBuf,
     /// Empty if there is none.
@@ -75,7 +74,7 @@ impl FrameFiles {
     }
 }
 
-/// Frames of a folder, in the order of their names.
+/// Frames of a folder, sorted by name.
 #[derive(Debug)]
 pub struct Folder {
     about: String,
@@ -85,7 +84,7 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Lists the frames of `split` below `root`. A template without `{split}` serves every split.
+    /// Lists the frames of `split` below `root`. A template without `{split}` applies to every split.
     ///
     /// # Errors
     /// An unreadable folder, a broken template, or no frame at all.
@@ -109,7 +108,7 @@ impl Folder {
         Ok(Self::of(about, "full", scale, frames))
     }
 
-    /// Frames that were listed by other means.
+    /// Creates a dataset from frames listed by other means.
     pub(super) fn of(
         about: String,
         protocol: &'static str,
@@ -125,7 +124,7 @@ impl Folder {
     }
 }
 
-/// The frames of `split` below `root` that have the form of the templates; none is no error.
+/// Returns the frames of `split` below `root` that match the templates; an empty result is not an error.
 pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<Vec<FrameFiles>> {
     let rgb = Template::new(&config.rgb)?;
     let depth = (!config.depth.is_empty()).then(|| Template::new(&config.depth));
@@ -154,7 +153,7 @@ pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<V
             place: config.place,
         });
     }
-    // A loose template for colours may take other files for colours too.
+    // A loose template for colour files may also match other files.
     let others: BTreeSet<PathBuf> = frames
         .iter()
         .flat_map(|f| [Some(&f.depth), f.sparse.as_ref(), f.mask.as_ref()])
@@ -166,7 +165,7 @@ pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<V
     Ok(frames)
 }
 
-/// A frame is named by what its names stand for, without the split.
+/// Returns the name of a frame: the captured texts, without the split.
 fn id(captures: &Captures) -> FrameId {
     let texts: Vec<&str> = captures
         .iter()

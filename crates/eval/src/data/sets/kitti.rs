@@ -7,8 +7,8 @@ use crate::data::{Environment, Split};
 use lsdc_files::error::Result;
 use std::path::Path;
 
-/// Image, ground truth and laser points: the 1000 cropped validation frames, then the full tree
-/// with the raw images moved into it.
+/// Image, ground truth and laser points: the 1000 cropped validation frames, then the full tree with the raw images moved into
+/// it.
 const LAYOUTS: [[&str; 4]; 3] = [
     [
         "cropped validation frames",
@@ -30,7 +30,7 @@ const LAYOUTS: [[&str; 4]; 3] = [
     ],
 ];
 
-/// Where the cropped validation frames lie.
+/// Prefixes of the paths of the cropped validation frames.
 const CROPPED_PREFIXES: [&str; 3] = [
     "depth_selection/val_selection_cropped/",
     "val_selection_cropped/",

@@ -3,11 +3,11 @@
 use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// All files below `root`, sorted: exactly `levels` deep, or anywhere without `levels`. Links
-/// that lead back to a folder above them are not followed.
+/// Returns all files below `root`, sorted: exactly `levels` deep, or at any depth if `None`. Links back to a parent folder are
+/// not followed.
 ///
 /// # Errors
-/// A folder that cannot be read, or a name that is no Unicode: frames are named by text.
+/// A folder cannot be read, or a name is not valid Unicode: frames are named by text.
 pub(super) fn files_below(root: &Path, levels: Option<usize>) -> Result<Vec<String>> {
     let mut paths = Vec::new();
     walk(root, "", levels, &mut Vec::new(), &mut paths)?;
@@ -15,7 +15,7 @@ pub(super) fn files_below(root: &Path, levels: Option<usize>) -> Result<Vec<Stri
     Ok(paths)
 }
 
-/// `ancestors` holds the folders that lead here, by their real paths.
+/// `ancestors` holds the real paths of the folders above.
 fn walk(
     root: &Path,
     below: &str,

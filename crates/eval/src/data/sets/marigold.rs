@@ -6,7 +6,7 @@ use super::listing::files_below;
 use lsdc_files::error::{Error, Result};
 use std::path::Path;
 
-/// Opens the frames of `root`, at any depth of folders; every split holds all of them.
+/// Opens the frames of `root`, at any depth of folders; every split contains all frames.
 ///
 /// # Errors
 /// No frame.

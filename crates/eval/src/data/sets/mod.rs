@@ -1,4 +1,4 @@
-//! Datasets: how the files of each lie in their folders.
+//! Readers for the file layouts of datasets.
 
 mod diode;
 mod folder;
@@ -30,7 +30,7 @@ use super::Split;
 use lsdc_files::error::Error;
 use std::path::Path;
 
-/// The error of a folder that has no frame of a dataset.
+/// Returns the error for a folder without a frame of a dataset.
 fn no_frame(dataset: &str, split: Split, root: &Path) -> Error {
     Error::config(format!(
         "no `{}` frame of {dataset} in `{}`",

@@ -1,5 +1,5 @@
-//! Images with the returns of a laser scanner beside them, projected into the image: `NAME.jpg` or `.png` and
-//! `NAME_points.npz` with the lists `u`, `v`, `depth` and, if known, `ring`.
+//! Images with projected laser scanner returns: `NAME.jpg` or `.png`, and `NAME_points.npz` with the lists `u`, `v`, `depth`
+//! and, if known, `ring`.
 
 use super::listing::files_below;
 use crate::data::{Dataset, DepthMap, Environment, Frame, FrameId, read_upright};
@@ -10,10 +10,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// What the name of the file of returns has after that of the image.
+/// Suffix that replaces the file extension of an image in the name of its returns.
 const RETURNS: &str = "_points.npz";
 
-/// Laser scans, in the order of their names.
+/// Laser scans, sorted by name.
 pub(in crate::data) struct Scans {
     scans: Vec<ScanFiles>,
     about: OnceLock<String>,
@@ -25,8 +25,7 @@ struct ScanFiles {
     returns: PathBuf,
 }
 
-/// Opens all scans below `root`, at any depth of folders; every split holds all of them. Images without returns are
-/// passed over.
+/// Opens all scans below `root`, at any depth of folders; every split contains all scans. Images without returns are skipped.
 ///
 /// # Errors
 /// A folder that cannot be read, or no scan.
@@ -63,10 +62,10 @@ pub(in crate::data) fn scans(root: &Path) -> Result<Scans> {
 }
 
 impl Dataset for Scans {
-    /// Counts all returns when first called, which reads every file of them.
+    /// The first call reads the returns of all scans to count them.
     fn description(&self) -> String {
         let count = |files: &ScanFiles| {
-            // What cannot be read is an error of its frame.
+            // An unreadable file is an error of its frame.
             let size = image_size(&files.image).ok()?;
             Some(Returns::read(&files.returns, size).ok()?.counts)
         };
@@ -114,22 +113,22 @@ impl Dataset for Scans {
     }
 }
 
-/// The returns of a scan by the pixel that holds them.
+/// The returns of a scan, assigned to pixels.
 struct Returns {
     depth: DepthMap,
     rings: Vec<i32>,
     counts: Counts,
 }
 
-/// How many returns a scan has, and how many of them are left out, and why.
+/// Number of returns of a scan, and numbers of returns dropped, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Counts {
     all: usize,
-    /// Outside of the image.
+    /// Outside the image.
     outside: usize,
-    /// In the image, without a positive, finite depth.
+    /// Inside the image, without a positive, finite depth.
     without_depth: usize,
-    /// Behind another one in the same pixel.
+    /// Behind another return in the same pixel.
     behind: usize,
 }
 
@@ -189,7 +188,7 @@ impl Returns {
             all: count,
             ..Counts::default()
         };
-        // A pixel reaches half its width to either side of its centre.
+        // A pixel extends half a pixel to either side of its centre.
         let pixel = |at: f32, length: usize| {
             let at = (f64::from(at) + 0.5).floor();
             (0.0..length as f64).contains(&at).then_some(at as usize)

@@ -6,23 +6,23 @@ use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 const POSE: &str = ".pose.txt";
-/// Endings of colours and depths: those of the dataset, and of copies of it.
+/// File name suffixes of colours and depths, in the dataset and in copies of it.
 const COLOURS: [&str; 4] = [".color.png", ".color.jpg", ".jpg", ".png"];
 const DEPTHS: [&str; 2] = [".depth.png", "_depth.png"];
-/// Millimetres that mark pixels without a measurement, beside 0.
+/// Depth value, in metres, that marks pixels without a measurement, as does 0.
 const NO_MEASUREMENT: f32 = 65.535;
-/// The dataset's camera, where a folder has no `camera-intrinsics.txt`.
+/// Intrinsics of the dataset's camera, if a folder has no `camera-intrinsics.txt`.
 const FOCAL: f64 = 585.0;
 const CENTER: [f64; 2] = [320.0, 240.0];
 
-/// Reads every `step`-th frame of a folder of 7-Scenes, up to `limit`, in the order of names.
+/// Reads every `step`-th frame of a folder of 7-Scenes, up to `limit` frames, sorted by name.
 ///
-/// The camera is that of the depths, to which the colours of the dataset are not registered: they are some pixels off at
+/// The camera is the depth camera. The colours of the dataset are not registered to the depths: they are some pixels off at
 /// edges.
 ///
 /// # Errors
-/// A folder or file that cannot be read, a pose or intrinsics that are no matrix, fewer than two frames, or a frame of
-/// which colour or depth is missing.
+/// A folder or file cannot be read, a pose or the intrinsics are not a matrix, there are fewer than two frames, or colour or
+/// depth of a frame is missing.
 pub fn seven_scenes(root: &Path, step: usize, limit: usize) -> Result<Sequence> {
     let entries = std::fs::read_dir(root).map_err(|e| Error::read(root, e))?;
     let mut names = Vec::new();
@@ -81,7 +81,7 @@ fn intrinsics(path: &Path) -> Result<Camera> {
     Ok(Camera::pinhole([x[0], y[1]], [x[2], y[2]]))
 }
 
-/// A square matrix of numbers between spaces, row by row.
+/// Reads a square matrix of whitespace-separated numbers, row by row.
 fn matrix<const N: usize>(path: &Path) -> Result<[[f64; N]; N]> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
     let wrong = || Error::format(path, format!("is no matrix of {N}x{N} numbers"));
@@ -110,7 +110,7 @@ mod tests {
             let values = vec![0.0, 1.0, 65.535, 2.0, 2.0, 2.0, 2.0, 2.0];
             let depth = DepthMap::new(4, 2, values).unwrap();
             write_depth_png(&path(&format!("{name}.depth.png")), &depth, 0.001).unwrap();
-            // The camera looks along x of the world, from (x, 0.5, 0).
+            // The camera looks along the x axis of the world, from (x, 0.5, 0).
             let pose = format!("0 0 1 {x}\n0 1 0 0.5\n-1 0 0 0\n0 0 0 1\n");
             std::fs::write(path(&format!("{name}.pose.txt")), pose).unwrap();
         }

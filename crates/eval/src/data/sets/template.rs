@@ -3,7 +3,7 @@
 use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
 
-/// The text that each name of a template stands for.
+/// The text captured by each name of a template.
 pub(super) type Captures = BTreeMap<String, String>;
 
 /// A relative path with names in braces; a name matches any text without a slash.
@@ -20,7 +20,7 @@ enum Part {
 }
 
 impl Template {
-    /// Reads a template.
+    /// Parses a template.
     pub(super) fn new(text: &str) -> Result<Self> {
         let broken = || {
             Error::config(format!("`{text}` is not a path template"))
@@ -48,15 +48,14 @@ impl Template {
         })
     }
 
-    /// The number of folders below the root at which matches lie.
+    /// Returns the folder depth of matches below the root, counting the file.
     pub(super) fn depth(&self) -> usize {
         self.text.matches('/').count() + 1
     }
 
-    /// The text of each name if `path` (with `/` between folders) has this form.
+    /// Returns the text captured by each name if `path` (with `/` between folders) matches.
     ///
-    /// A name takes the shortest text that lets the rest match; a name met twice must stand for
-    /// the same text.
+    /// A name matches the shortest text that lets the rest match; all occurrences of a name must match the same text.
     pub(super) fn captures(&self, path: &str) -> Option<Captures> {
         fn walk(parts: &[Part], path: &str, found: &mut Captures) -> bool {
             match parts.split_first() {
@@ -87,7 +86,7 @@ impl Template {
         walk(&self.parts, path, &mut found).then_some(found)
     }
 
-    /// The path with every name replaced by its text.
+    /// Returns the path with every name replaced by its text.
     pub(super) fn fill(&self, captures: &Captures) -> Result<String> {
         self.parts
             .iter()

@@ -6,11 +6,10 @@ use crate::data::is_depth_image;
 use lsdc_files::error::{Error, Result};
 use std::path::Path;
 
-/// The largest difference in seconds at which an image and a depth map belong together: the
-/// default of the dataset's `associate.py`.
+/// Largest time difference between an image and its depth map, in seconds: the default of the dataset's `associate.py`.
 const MAX_TIME_DIFFERENCE: f64 = 0.02;
 
-/// Opens a sequence, by `associations.txt` if it is there; every split holds all of it.
+/// Opens a sequence, by `associations.txt` if it exists; every split contains all frames.
 ///
 /// # Errors
 /// A list that cannot be read, or no pair.
@@ -46,8 +45,8 @@ pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
     Ok(Folder::of("TUM RGB-D".into(), "full", 1.0 / 5000.0, frames))
 }
 
-/// The pairs of a list of times and files: image, then depth, whichever of them the list names first. Tools write
-/// either order (`associate.py rgb.txt depth.txt`; ICL-NUIM the other); the order is taken from the files.
+/// Reads pairs from a list of times and files, and returns image, then depth. Tools write either order (`associate.py rgb.txt
+/// depth.txt`; ICL-NUIM the other); the file formats determine the order.
 fn associated(root: &Path, list: &Path) -> Result<Vec<(String, String)>> {
     let rows = lines(list, 4)?;
     let Some([first, second]) = rows.first().map(|row| [&row[1], &row[3]]) else {
@@ -75,7 +74,7 @@ fn associated(root: &Path, list: &Path) -> Result<Vec<(String, String)>> {
     Ok(pairs.collect())
 }
 
-/// The fields of every line that is no comment; at least `fewest` each.
+/// Returns the fields of every line that is not a comment; at least `fewest` each.
 fn lines(path: &Path, fewest: usize) -> Result<Vec<Vec<String>>> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
     text.lines()
@@ -112,7 +111,7 @@ fn times(path: &Path) -> Result<Vec<(f64, String)>> {
         .collect()
 }
 
-/// Pairs by rising difference in time, each file once, as `associate.py`; in the order of time.
+/// Pairs files by increasing time difference, each file once, like `associate.py`; sorted by time.
 fn associate(rgb: &[(f64, String)], depth: &[(f64, String)]) -> Vec<(String, String)> {
     let mut by_time: Vec<usize> = (0..depth.len()).collect();
     by_time.sort_by(|&a, &b| depth[a].0.total_cmp(&depth[b].0));
@@ -152,7 +151,7 @@ mod tests {
         let list = |times: &[f64]| -> Vec<(f64, String)> {
             times.iter().map(|t| (*t, format!("{t:.2}"))).collect()
         };
-        // 1.00 is nearest to 1.005, which then is not left for 1.01; 2.00 has no partner in time.
+        // 1.00 is matched to 1.005, which is then not available for 1.01; 2.00 has no match.
         let pairs = associate(&list(&[1.0, 1.01, 2.0]), &list(&[1.005, 1.028, 2.5]));
         let expected = [("1.00", "1.00"), ("1.01", "1.03")];
         let expected: Vec<(String, String)> = expected

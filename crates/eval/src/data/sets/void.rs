@@ -8,9 +8,8 @@ use lsdc_files::error::{Error, Result};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Opens `root/data/<sequence>/{image,sparse_depth,ground_truth,validity_map}/<frame>.png`, where
-/// `root` is one of `void_150`, `void_500` and `void_1500`; the frames of a split are those of
-/// `train_image.txt` or `test_image.txt` if the list is there.
+/// Opens `root/data/<sequence>/{image,sparse_depth,ground_truth,validity_map}/<frame>.png`, where `root` is one of `void_150`,
+/// `void_500` and `void_1500`. The frames of a split are listed in `train_image.txt` or `test_image.txt`, if the list exists.
 ///
 /// # Errors
 /// No frame, or a list that cannot be read.
@@ -50,7 +49,7 @@ pub(in crate::data) fn void(root: &Path, split: Split) -> Result<Folder> {
     ))
 }
 
-/// Sequence, kind and file: what a list and the tree have in common.
+/// Returns sequence, kind and file, which the list and the folders have in common.
 fn last_three(path: &Path) -> PathBuf {
     let mut parts: Vec<_> = path.components().rev().take(3).collect();
     parts.reverse();

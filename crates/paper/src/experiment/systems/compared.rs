@@ -1,4 +1,4 @@
-//! Who takes part.
+//! The systems that are compared.
 
 use super::training::{Budget, TrainedSystem};
 use crate::experiment::trial::TrainedNetwork;
@@ -6,16 +6,16 @@ use crate::experiment::{ExperimentContext, published};
 use crate::systems::{Predictor, SystemConfig};
 use lsdc_files::error::Result;
 
-/// The name of our method.
+/// Name of our method.
 pub(super) const OURS: &str = "lsdc";
-/// The same with the training of the others.
+/// Name of our network with the same training as the systems.
 pub(super) const SAME_BUDGET: &str = "lsdc, same budget";
 
-/// A system that takes part.
+/// A system in the comparison.
 pub(super) enum ComparedSystem<'a> {
-    /// With weights that there are.
+    /// A system with existing weights.
     Given(String, Predictor),
-    /// Trained by the experiment.
+    /// A system trained by the experiment.
     Trained(TrainedSystem<'a>),
 }
 
@@ -34,7 +34,7 @@ impl ComparedSystem<'_> {
         }
     }
 
-    /// Once its weights are there.
+    /// Returns the predictor; `None` before its weights exist.
     pub(super) fn predictor(&self) -> Result<Option<Predictor>> {
         match self {
             Self::Given(_, predictor) => Ok(Some(predictor.clone())),
@@ -42,7 +42,7 @@ impl ComparedSystem<'_> {
         }
     }
 
-    /// How it was trained, in words.
+    /// Describes its training.
     pub(super) fn training(&self) -> String {
         match self {
             Self::Trained(trial) => trial.budget().to_string(),
@@ -53,14 +53,14 @@ impl ComparedSystem<'_> {
         }
     }
 
-    /// What was published of it.
+    /// Returns its published results.
     pub(super) fn published(&self) -> Option<&'static published::PublishedSystem> {
         let kind = self.config().kind();
         published::SYSTEMS.iter().find(|system| system.kind == kind)
     }
 }
 
-/// All that take part, and our network with the same training.
+/// All systems, and our network with the same training.
 pub(super) struct ComparedSystems<'a> {
     pub(super) context: &'a ExperimentContext,
     pub(super) systems: Vec<ComparedSystem<'a>>,
@@ -68,7 +68,7 @@ pub(super) struct ComparedSystems<'a> {
 }
 
 impl<'a> ComparedSystems<'a> {
-    /// The systems that were given, or those that the recipe names, with our network trained alike.
+    /// Uses the given systems, or those of the recipe, with our network trained alike.
     pub(super) fn new(context: &'a ExperimentContext) -> Result<Self> {
         if !context.systems.is_empty() {
             let given = context.systems.iter().cloned();
@@ -97,7 +97,7 @@ impl<'a> ComparedSystems<'a> {
         })
     }
 
-    /// All by name, once all weights are there.
+    /// Returns all predictors by name; `None` before all weights exist.
     pub(super) fn predictors(&self) -> Result<Option<Vec<(String, Predictor)>>> {
         if self
             .same_budget

@@ -1,4 +1,4 @@
-//! The trial that is measured: all that take part, side by side under one condition.
+//! A trial that evaluates all systems under one condition.
 
 use super::compared::{ComparedSystems, SAME_BUDGET};
 use crate::experiment::resolution::{SMALL, enlarged};
@@ -10,22 +10,22 @@ use lsdc_eval::report::{Failure, Section};
 use lsdc_files::error::Result;
 use std::rc::Rc;
 
-/// What is measured beside, without any training.
+/// Methods without training, evaluated for comparison.
 const UNTRAINED: [Method; 2] = [
     Method::Classic(Classic::Steering),
     Method::Classic(Classic::Linear),
 ];
 
-/// How a condition differs from the protocol of the context.
+/// A function that modifies the evaluation on the protocol of the context.
 type Change<'a> = Box<dyn Fn(Measured<'a>) -> Measured<'a> + 'a>;
 
-/// All of them under one condition, once they are trained.
+/// All systems under one condition, after they are trained.
 pub(super) struct Condition<'a> {
     compared: Rc<ComparedSystems<'a>>,
     name: String,
     pub(super) label: String,
     change: Change<'a>,
-    /// Whether depth is at a higher resolution than the image.
+    /// Whether the depth has a higher resolution than the image.
     sharp: bool,
 }
 
@@ -45,13 +45,13 @@ impl<'a> Condition<'a> {
         }
     }
 
-    /// The same with depth at a higher resolution than the image.
+    /// Evaluates depth at a higher resolution than the image.
     pub(super) fn sharp(mut self) -> Self {
         self.sharp = true;
         self
     }
 
-    /// A method of this program.
+    /// Returns a method of this program.
     fn method(&self, method: Method) -> (String, Candidate) {
         let name = method.name().to_owned();
         match (self.sharp, method) {
@@ -61,7 +61,7 @@ impl<'a> Condition<'a> {
         }
     }
 
-    /// The measurements of `lsdc` and the systems, and that of our network with the same training.
+    /// Returns the evaluations of `lsdc` and the systems, and that of our network with the same training.
     fn parts(&self) -> Result<Vec<Measured<'a>>> {
         let Some(predictors) = self.compared.predictors()? else {
             return Ok(Vec::new());
@@ -85,7 +85,8 @@ impl<'a> Condition<'a> {
         Ok(parts)
     }
 
-    /// Each method's name and mean scores: `lsdc`, that with the same training, the systems, the untrained.
+    /// Returns each method's name and mean scores: `lsdc`, our network with the same training, the systems, the untrained
+    /// methods.
     pub(super) fn means(&self) -> Result<Vec<(String, Scores)>> {
         let mut parts = self.parts()?.into_iter();
         let mut means = match parts.next() {
@@ -121,7 +122,7 @@ impl Trial for Condition<'_> {
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
         let parts = self.parts()?;
         if parts.is_empty() {
-            // Trained later.
+            // The systems are not trained yet.
             let _ = progress(0.0);
         }
         let count = parts.len() as f64;

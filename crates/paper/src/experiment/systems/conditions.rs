@@ -1,4 +1,4 @@
-//! The conditions under which all are measured.
+//! The conditions of the comparison.
 
 use super::compared::ComparedSystems;
 use super::condition::Condition;
@@ -9,11 +9,11 @@ use lsdc_eval::sampling::{Noise, Pattern, ProtocolPreset};
 use lsdc_files::error::Result;
 use std::rc::Rc;
 
-/// Numbers of points beside those that the systems are trained with.
+/// Numbers of points, in addition to that of the training.
 pub(super) const COUNTS: [usize; 5] = [5, 50, 200, 1000, 5000];
-/// The place among them of the one that is shown.
+/// Index of the number of points shown in pictures.
 const SHOWN: usize = 1;
-/// Points that are not at random.
+/// Patterns that are not random.
 const PATTERNS: [Pattern; 4] = [
     Pattern::Grid(12),
     Pattern::Lines(16),
@@ -21,7 +21,7 @@ const PATTERNS: [Pattern; 4] = [
     Pattern::Half(500),
 ];
 const FACTORS: [f32; 2] = [0.1, 10.0];
-/// What is wrong with points, in words.
+/// Kinds of noise: label, name in files, noise.
 const NOISES: [(&str, &str, Noise); 3] = [
     (
         "up to 1 m added to 30 %",
@@ -39,18 +39,18 @@ const NOISES: [(&str, &str, Noise); 3] = [
     ),
 ];
 
-/// Conditions that differ in one thing.
+/// Conditions that differ in one setting.
 pub(super) struct ConditionGroup<'a> {
     pub(super) title: &'static str,
-    /// What the thing is.
+    /// Name of the setting.
     pub(super) row_header: &'static str,
-    /// What is shown of them.
+    /// Metrics shown.
     pub(super) metrics: &'static [Metric],
     pub(super) conditions: Vec<Condition<'a>>,
 }
 
 pub(super) struct Conditions<'a> {
-    /// That of the training.
+    /// The condition of the training.
     pub(super) trained: Condition<'a>,
     pub(super) counts: ConditionGroup<'a>,
     pub(super) others: [ConditionGroup<'a>; 4],
@@ -73,7 +73,7 @@ impl<'a> Conditions<'a> {
         })
     }
 
-    /// All of them, in the order in which they are measured.
+    /// Returns all conditions, in the order of evaluation.
     pub(super) fn all(&self) -> impl Iterator<Item = &Condition<'a>> {
         let groups = std::iter::once(&self.counts).chain(&self.others);
         std::iter::once(&self.trained)
@@ -81,7 +81,7 @@ impl<'a> Conditions<'a> {
             .chain(std::iter::once(&self.sharp))
     }
 
-    /// Few points.
+    /// Returns the condition with few points.
     pub(super) fn few(&self) -> &Condition<'a> {
         &self.counts.conditions[SHOWN]
     }

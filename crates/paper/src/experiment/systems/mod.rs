@@ -1,6 +1,6 @@
-//! The systems that the paper compares itself with, beside `lsdc`: trained on the same frames with the same number of
-//! steps and images, then measured with the same points, fewer, more, elsewhere, scaled and wrong ones, on other
-//! cameras, and at a higher resolution than that of the image.
+//! The systems compared in the paper, next to `lsdc`: trained on the same frames with the same number of steps and images, then
+//! evaluated with the same points. Conditions: fewer or more points, other patterns, scaled or noisy depths, other cameras, and
+//! a higher resolution than that of the image.
 
 mod compared;
 mod condition;
@@ -22,7 +22,7 @@ use lsdc_files::error::Result;
 use std::rc::Rc;
 use timing::TimedSystem;
 
-/// The systems with what they are measured under, and how long they take.
+/// The systems, with the conditions and timings of the comparison.
 pub(super) struct Systems<'a> {
     compared: Rc<ComparedSystems<'a>>,
     conditions: Conditions<'a>,

@@ -1,4 +1,4 @@
-//! The page: its words, and the order of its tables and pictures.
+//! The page: its text, and the order of its tables and pictures.
 
 use super::Systems;
 use super::compared::{ComparedSystem, OURS, SAME_BUDGET};
@@ -41,7 +41,7 @@ pub(super) fn section(systems: &Systems<'_>) -> Result<Section> {
     Ok(section)
 }
 
-/// Who was trained how, and what all have in common.
+/// Describes the training of each system, and the common settings.
 fn about(systems: &Systems<'_>) -> Vec<String> {
     let context = systems.compared.context;
     let mut about = vec![format!("{} {}.", context.about(), context.preset.points)];
@@ -76,7 +76,7 @@ fn about(systems: &Systems<'_>) -> Vec<String> {
     about
 }
 
-/// That a published number is better than the one measured here, and why it may be.
+/// States that a published result is better than the one measured here, and possible reasons.
 fn surpassed(system: &ComparedSystem<'_>, means: &[(String, Scores)]) -> Option<String> {
     let published = system.published()?;
     let (name, scores) = means.iter().find(|(name, _)| name == system.name())?;

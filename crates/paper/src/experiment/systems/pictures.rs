@@ -6,7 +6,7 @@ use lsdc_eval::metrics::Metric;
 use lsdc_eval::report::{Section, Table};
 use lsdc_files::error::Result;
 
-/// A measure against the number of points, of a table whose first row has those of the training.
+/// Adds a chart of a metric against the number of points, from a table whose first row is the condition of the training.
 pub(super) fn points(section: &mut Section, table: &Table, metric: Metric) {
     let columns = table.columns.iter().enumerate();
     let lines = columns.map(|(colour, column)| {
@@ -22,7 +22,7 @@ pub(super) fn points(section: &mut Section, table: &Table, metric: Metric) {
     show_by_count(section, &name, &caption, metric, lines.collect());
 }
 
-/// Frames with all predictions.
+/// Adds frames with all predictions.
 pub(super) fn frames(section: &mut Section, conditions: &Conditions<'_>) -> Result<()> {
     let caption = "The frame with lsdc's median RMSE, with the points of the training.";
     conditions.trained.show(section, "frame", caption)?;

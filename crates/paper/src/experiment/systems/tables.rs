@@ -1,4 +1,4 @@
-//! The tables of the page, with the rows that were published.
+//! The tables of the page, including published rows.
 
 use super::Systems;
 use super::compared::OURS;
@@ -22,7 +22,7 @@ const METRICS: [Metric; 5] = [
     Metric::See,
 ];
 
-/// A row for each method.
+/// Returns a table with a row for each method.
 fn methods(
     title: String,
     means: &[(String, Scores)],
@@ -34,7 +34,7 @@ fn methods(
     of_methods(title, metrics, measured.chain(published).collect())
 }
 
-/// Errors with the points of the training.
+/// Returns the errors with the points of the training.
 pub(super) fn as_trained(points: &impl ToString, means: &[(String, Scores)]) -> Table {
     let systems = published::SYSTEMS.iter().flat_map(|system| system.rows);
     let published = systems.map(|(label, (rmse, rel, delta))| {
@@ -44,7 +44,7 @@ pub(super) fn as_trained(points: &impl ToString, means: &[(String, Scores)]) -> 
     methods(title, means, &METRICS, published)
 }
 
-/// Depth at three times the resolution of the image.
+/// Returns the errors of depth at three times the resolution of the image.
 pub(super) fn sharp(condition: &Condition<'_>) -> Result<Table> {
     use resolution::{LARGE, METRICS, POINTS, SMALL};
     let published = published::TABLE_3
@@ -54,7 +54,7 @@ pub(super) fn sharp(condition: &Condition<'_>) -> Result<Table> {
     Ok(methods(title, &condition.means()?, &METRICS, published))
 }
 
-/// A measure of all methods under the conditions of a group and that of the training, a column for each method.
+/// Returns a metric of all methods under the conditions of a group and that of the training, with a column for each method.
 pub(super) fn compared<'a>(
     conditions: &Conditions<'a>,
     group: &ConditionGroup<'a>,
@@ -77,7 +77,7 @@ pub(super) fn compared<'a>(
     })
 }
 
-/// Parameters, and times of a frame.
+/// Returns parameters, and times of a frame.
 pub(super) fn cost(systems: &Systems<'_>) -> Result<Table> {
     let measured = systems.timings.iter();
     let mut rows = measured
@@ -119,7 +119,7 @@ fn cost_of(systems: &Systems<'_>, timing: &TimedSystem<'_>) -> Result<Row> {
     let values = [
         Some(millions(parameters)),
         Some(millions(parameters + never_run)),
-        // Four bytes each.
+        // Four bytes per parameter.
         Some(parameters as f64 * 4.0 / 1e6),
         timing.total()?,
     ];

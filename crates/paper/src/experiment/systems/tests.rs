@@ -3,7 +3,7 @@ use crate::experiment::{Experiment, SystemRecipe, run};
 use crate::systems::SystemConfig;
 use lsdc_train::training::{LossConfig, TrainConfig};
 
-/// One of each, tiny.
+/// Returns a tiny recipe for each system.
 pub(in crate::experiment) fn recipes(train: &TrainConfig) -> Vec<SystemRecipe> {
     let recipes = [
         r#"{ "method": "s2d", "encoder": "resnet18", "width": 4 }"#,
@@ -58,7 +58,7 @@ fn systems_are_trained_and_measured_alike_interrupted_or_not() {
     ] {
         assert!(text.contains(words), "`{words}` is missing in: {text}");
     }
-    // Scaled points scale what `lsdc` finds, and no network that has seen other depths.
+    // Scaled points scale the depths of `lsdc`, but not those of networks trained on other depths.
     let scaled = sections[0]
         .tables
         .iter()
@@ -71,7 +71,7 @@ fn systems_are_trained_and_measured_alike_interrupted_or_not() {
     let torn = tempfile::tempdir().unwrap();
     let again = interrupted(&experiments, &context(torn.path()), 20);
     let (last, first) = (again[0].tables.len() - 1, &sections[0]);
-    // Times differ.
+    // The last table has times, which differ.
     assert_eq!(first.tables[..last], again[0].tables[..last]);
     assert_eq!(first.findings, again[0].findings);
 }

@@ -1,4 +1,4 @@
-//! The trial that is timed: one of those that take part.
+//! A trial that times `lsdc` or a system.
 
 use super::compared::{ComparedSystem, ComparedSystems, OURS};
 use crate::experiment::cost::{SIZES, Timed, TimedSubject};
@@ -7,19 +7,19 @@ use lsdc_eval::sampling::Size;
 use lsdc_files::error::Result;
 use std::rc::Rc;
 
-/// The size of the frame.
+/// Size of the frame.
 pub(super) const SIZE: Size = SIZES[0];
 
-/// The time of one of them, once it is trained.
+/// The timing of `lsdc` or a system, after it is trained.
 pub(super) struct TimedSystem<'a> {
     compared: Rc<ComparedSystems<'a>>,
-    /// Which of the systems; none: `lsdc`.
+    /// Index of the system; `None` for `lsdc`.
     number: Option<usize>,
     name: String,
 }
 
 impl<'a> TimedSystem<'a> {
-    /// Of `lsdc`, and of all systems.
+    /// Returns the timings of `lsdc` and of all systems.
     pub(super) fn all(compared: &Rc<ComparedSystems<'a>>) -> Vec<Self> {
         let timings = (0..=compared.systems.len()).map(|number| Self {
             compared: compared.clone(),
@@ -29,12 +29,12 @@ impl<'a> TimedSystem<'a> {
         timings.collect()
     }
 
-    /// Which of the systems; none: `lsdc`.
+    /// Returns the system; `None` for `lsdc`.
     pub(super) fn system(&self) -> Option<&ComparedSystem<'a>> {
         self.number.map(|number| &self.compared.systems[number])
     }
 
-    /// Milliseconds, once they are known.
+    /// Returns the total time in milliseconds; `None` before it is measured.
     pub(super) fn total(&self) -> Result<Option<f64>> {
         self.timed()?.map(|timed| timed.total()).transpose()
     }

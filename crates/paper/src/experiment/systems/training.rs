@@ -1,4 +1,4 @@
-//! A system that the experiment trains, and on which budget.
+//! Training of a system by the experiment, with its budget.
 
 use crate::experiment::trial::{Progress, Trial, check_or_write_recipe, train};
 use crate::experiment::{ExperimentContext, SystemRecipe};
@@ -29,7 +29,7 @@ impl Budget {
         }
     }
 
-    /// That of weights that were given, if it is in their notes.
+    /// Reads the budget from the notes of given weights, if they have one.
     pub(super) fn noted_in(predictor: &Predictor) -> Option<Self> {
         let note = predictor.trained().notes.get(TRAINING_NOTE)?;
         serde_json::from_str(note).ok()
@@ -68,7 +68,7 @@ impl<'a> TrainedSystem<'a> {
         Budget::of(&self.recipe.train)
     }
 
-    /// Once its weights are there.
+    /// Returns the predictor; `None` before its weights exist.
     pub(super) fn predictor(&self) -> Result<Option<Predictor>> {
         let weights = self.weights();
         if !weights.exists() {

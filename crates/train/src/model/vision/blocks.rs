@@ -1,4 +1,4 @@
-//! The blocks of a vision transformer: attention and perceptrons.
+//! Blocks of a vision transformer: attention and MLP.
 
 use burn::tensor::activation::{gelu, softmax};
 use burn::tensor::{Device, Tensor, TensorData, s};
@@ -7,7 +7,7 @@ use lsdc_core::network::{EncoderConfig, LAYER_EPSILON};
 use lsdc_core::weights::Tensor as Table;
 use std::collections::BTreeMap;
 
-/// Attention, then a perceptron.
+/// Attention, then an MLP.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
     norms: [Norm; 2],
@@ -15,7 +15,7 @@ pub(super) struct Block {
     mixed: Affine,
     first: Affine,
     second: Affine,
-    /// What attention and perceptron are multiplied by before they are added.
+    /// Factors of the outputs of attention and MLP before they are added.
     scales: [Tensor<3>; 2],
 }
 
@@ -33,7 +33,7 @@ pub(super) struct Norm {
     shift: Tensor<3>,
 }
 
-/// Tensors by name, to be put on a device.
+/// Tensors by name, and the device to place them on.
 pub(super) struct TensorSource<'a> {
     pub(super) tensors: &'a BTreeMap<String, Table>,
     pub(super) device: &'a Device,
@@ -73,7 +73,7 @@ impl TensorSource<'_> {
         })
     }
 
-    /// A map of `from` values to `to`, whose weights are stored as `shape`, the outputs first.
+    /// Reads a linear map of `from` values to `to`; `shape` is the shape of its stored weights, outputs first.
     pub(super) fn affine(
         &self,
         name: &str,
@@ -126,7 +126,7 @@ impl Block {
         })
     }
 
-    /// Tokens `[images, tokens, width]` after attention and the perceptron.
+    /// Applies attention and the MLP to tokens `[images, tokens, width]`.
     pub(super) fn forward(&self, tokens: Tensor<3>, heads: usize) -> Tensor<3> {
         let attended = self.attend(tokens.clone(), heads);
         let tokens = tokens + self.mixed.forward(attended) * self.scales[0].clone();

@@ -1,4 +1,4 @@
-//! The pretrained encoder on burn's tensors: for devices other than the CPU, and differentiable.
+//! The pretrained encoder on burn's tensors, differentiable, for devices other than the CPU.
 
 mod blocks;
 #[cfg(test)]
@@ -11,24 +11,24 @@ use lsdc_core::network::{EncoderConfig, PATCH, positions};
 use lsdc_core::weights::Tensor as Table;
 use std::collections::BTreeMap;
 
-/// A vision transformer, as [`lsdc_core::network::Encoder`] computes it, on any device.
+/// A vision transformer on any device; computes the same as [`lsdc_core::network::Encoder`].
 #[derive(Clone, Debug)]
 pub struct VisionTransformer {
     config: EncoderConfig,
     patches: Affine,
     class_token: Tensor<3>,
-    /// `[1 + side x side, width]`; interpolated on the host.
+    /// Position embeddings `[1 + side x side, width]`; interpolated on the host.
     positions: Vec<f32>,
     blocks: Vec<Block>,
-    /// The normalisation of features.
+    /// Final normalisation of features.
     norm: Norm,
 }
 
 impl VisionTransformer {
-    /// An encoder from tensors by the names that `DINOv2` gives them, on a device.
+    /// Loads an encoder onto a device, from tensors named as in `DINOv2`.
     ///
     /// # Errors
-    /// Tensors that are missing or of the wrong shape.
+    /// A tensor is missing or has the wrong shape.
     pub fn new(
         config: EncoderConfig,
         tensors: &BTreeMap<String, Table>,
@@ -55,8 +55,8 @@ impl VisionTransformer {
         })
     }
 
-    /// The features of normalised images `[images, height, width, 3]`, whose sides are multiples of [`PATCH`]: those
-    /// of all taps side by side, `[images, rows, columns, channels]`.
+    /// Computes the features of normalised images `[images, height, width, 3]`, whose sides are multiples of [`PATCH`]: all
+    /// taps concatenated, `[images, rows, columns, channels]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
         let [count, height, width, _] = images.dims();
         let (rows, columns) = (height / PATCH, width / PATCH);
@@ -78,7 +78,7 @@ impl VisionTransformer {
         features.reshape([count, rows, columns, self.config.channels()])
     }
 
-    /// The positions of all tokens.
+    /// Returns the position embeddings of all tokens.
     fn places(&self, size: (usize, usize)) -> Tensor<3> {
         let EncoderConfig { width, side, .. } = self.config;
         let values = positions(&self.positions, side, width, size);

@@ -1,4 +1,4 @@
-//! The backward pass: two more ops of the inner backend.
+//! The backward pass: two operations of the inner backend.
 
 use super::{ConvBackend, ConvGradients, ConvSpec};
 use crate::ops::autodiff::record;

@@ -1,5 +1,5 @@
-//! The op on GPUs, as products of matrices whose left one, the patches of pixels around each output, is never made
-//! (implicit GEMM, Chetlur et al. 2014). A cube makes one tile of the result from tiles in its shared memory.
+//! The operation on GPUs as matrix products. The left matrix, the patches of pixels around each output, is never stored
+//! (implicit GEMM, Chetlur et al. 2014). A cube computes one tile of the result from tiles in its shared memory.
 
 use super::{ConvBackend, ConvGradients, ConvSpec, reference, reference_input, reference_weight};
 use crate::ops::gpu::{UNITS, cube, empty, sum_of_parts, tile, tiles};
@@ -12,17 +12,17 @@ use burn_cubecl::cubecl::{self, prelude::*};
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-/// Units of a cube are a square of this side, each with [`OWN`] rows of the tile and some columns.
+/// Side of the square of units of a cube, each with [`OWN`] rows of the tile and some columns.
 const SIDE: usize = 16;
-/// Rows of the tile of one unit.
+/// Rows of a tile per unit.
 const OWN: usize = 4;
 /// Rows of a tile of the result.
 const ROWS: usize = SIDE * OWN;
-/// Products that are summed between two loads.
+/// Products summed between two loads.
 const DEPTH: usize = 16;
-/// Cubes that fill a large GPU.
+/// Number of cubes that fill a large GPU.
 const ENOUGH: usize = 2048;
-/// Pixels at least that one part of the gradient of weights is summed over.
+/// Smallest number of pixels summed by one part of the gradient of weights.
 const PART: usize = 512;
 
 type Floats = FloatTensor<CubeBackend>;
@@ -31,9 +31,9 @@ type Floats = FloatTensor<CubeBackend>;
 #[derive(Clone, Copy)]
 struct Geometry {
     batch: usize,
-    /// Height, width and channels of inputs.
+    /// Height, width and channels of the input.
     input: [usize; 3],
-    /// Height, width and channels of outputs.
+    /// Height, width and channels of the output.
     output: [usize; 3],
     taps: usize,
     spec: ConvSpec,
@@ -54,7 +54,7 @@ impl Geometry {
     }
 }
 
-/// Whether the kernels apply.
+/// Returns whether the kernels apply.
 fn applies(x: &CubeTensor, weight: &CubeTensor, spec: ConvSpec) -> bool {
     !spec.depthwise
         && x.dtype() == DType::F32
@@ -92,8 +92,8 @@ impl ConvGradients for CubeBackend {
     }
 }
 
-/// Outputs from inputs with `weights [taps, taps, in, out]`; or, `back`, the gradient of inputs from that of outputs with
-/// `weights [taps, taps, out, in]`.
+/// Computes outputs from inputs with `weights [taps, taps, in, out]`; if `back`, the gradient of inputs from that of outputs
+/// with `weights [taps, taps, out, in]`.
 fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -> Floats {
     let (from, weights) = (into_contiguous(from), into_contiguous(weights));
     let Geometry {
@@ -133,7 +133,7 @@ fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -
     result
 }
 
-/// The gradient `[taps, taps, in, out]` of weights: sums over parts of all pixels, then the sum of these.
+/// Computes the gradient `[taps, taps, in, out]` of weights: sums over parts of all pixels, then the sum of the parts.
 fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
     let Geometry {
         batch, taps, spec, ..
@@ -175,7 +175,7 @@ fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
     sum_of_parts(parts, [taps, taps, inputs, outputs])
 }
 
-/// Where along an axis of inputs of `length` a tap of output `at` reads; `length` where it is outside.
+/// Returns the index along an axis of an input of `length` read by a tap of output `at`; `length` if outside.
 #[cube]
 fn input_of(
     at: usize,
@@ -193,7 +193,7 @@ fn input_of(
     found
 }
 
-/// Which output of `length` along an axis reads input `at` by a tap; `length` where none does.
+/// Returns the index of the output, of `length` along an axis, that reads input `at` by a tap; `length` if there is none.
 #[cube]
 fn output_of(
     at: usize,
@@ -215,8 +215,8 @@ fn output_of(
     found
 }
 
-/// Which pixel along an axis is multiplied by a tap for the result at `at`: of inputs for an output, or `back`, of outputs
-/// for the gradient of an input.
+/// Returns the index along an axis of the pixel multiplied by a tap for the result at `at`: an input pixel for an output, or,
+/// if `back`, an output pixel for the gradient of an input.
 #[cube]
 fn source_of(
     at: usize,
@@ -234,7 +234,7 @@ fn source_of(
     }
 }
 
-/// The sums of a unit before the first product, `[OWN, across]`.
+/// Returns the initial sums of a unit, `[OWN, across]`.
 #[cube]
 fn zeros(#[comptime] across: usize) -> Array<f32> {
     let mut sums = Array::<f32>::new(comptime!(OWN * across));
@@ -245,8 +245,8 @@ fn zeros(#[comptime] across: usize) -> Array<f32> {
     sums
 }
 
-/// Adds to the sums of a unit, which belong to rows from `row` on and every [`SIDE`]-th column from `column` on, the products of
-/// tiles `left [DEPTH, stride]` and `right [DEPTH, SIDE * across]`.
+/// Adds the products of tiles `left [DEPTH, stride]` and `right [DEPTH, SIDE * across]` to the sums of a unit, which hold the
+/// rows from `row` on and every [`SIDE`]-th column from `column` on.
 #[cube]
 fn add_products(
     left: &Shared<[f32]>,
@@ -270,8 +270,8 @@ fn add_products(
     }
 }
 
-/// `result [pixels, outputs]` of the patches of `x [batch, source_height, source_width, channels]` times `weights [taps, taps,
-/// channels, outputs]`; pixels are those of `[batch, height, width]`.
+/// Computes `result [pixels, outputs]`: the patches of `x [batch, source_height, source_width, channels]` times `weights [taps,
+/// taps, channels, outputs]`; pixels are those of `[batch, height, width]`.
 #[cube(launch)]
 fn multiply_patches(
     x: &[f32],
@@ -361,7 +361,7 @@ fn multiply_patches(
     }
 }
 
-/// Part by part of `pixels`, those of `grad [pixels, outputs]`: `parts [parts, taps, taps, inputs, outputs]`, the
+/// Computes `parts [parts, taps, taps, inputs, outputs]`, each over a part of the `pixels` of `grad [pixels, outputs]`: the
 /// transposed patches of `x [batch, source_height, source_width, inputs]` times `grad`.
 #[cube(launch)]
 fn multiply_by_patches(

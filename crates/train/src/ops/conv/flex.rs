@@ -1,4 +1,4 @@
-//! Flex tensors in, flex tensors out: f32 goes to the kernels, other types to burn.
+//! The operation on flex tensors: f32 uses the kernels, other types use burn.
 
 use super::{ConvBackend, ConvGradients, ConvSpec, reference, reference_input, reference_weight};
 use burn::backend::tensor::FloatTensor;
@@ -9,7 +9,7 @@ use lsdc_kernels::conv::{self, Layer, Shape};
 use lsdc_kernels::simd::{Level, Scratch, Tail};
 use std::sync::OnceLock;
 
-/// Ops come without a place to keep memory between them.
+/// Returns a shared scratch, because operations cannot keep memory between calls.
 fn scratch() -> &'static Scratch {
     static SCRATCH: OnceLock<Scratch> = OnceLock::new();
     SCRATCH.get_or_init(Scratch::new)
@@ -67,7 +67,7 @@ impl ConvGradients for Flex {
     }
 }
 
-/// The convolution of contiguous f32, with a bias (none: 0) and a ReLU if `relu`.
+/// Convolves contiguous f32 tensors, with a bias (0 if `None`), and a ReLU if `relu`.
 pub(in crate::ops) fn biased(
     x: &FlexTensor,
     weight: &FlexTensor,

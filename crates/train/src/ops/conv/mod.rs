@@ -1,5 +1,5 @@
-//! 2-D convolution of images `[batch, height, width, channels]` as a burn extension op: fast
-//! kernels for flex and GPUs, burn's own for other backends.
+//! 2-D convolution of images `[batch, height, width, channels]` as a burn extension operation: fast kernels for flex and GPUs,
+//! burn's own for other backends.
 
 mod autodiff;
 #[cfg(feature = "wgpu")]
@@ -16,12 +16,12 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
 use burn::tensor::{Shape, Tensor};
 
-/// Whether with weights `[o, c, k, k]` an output reads just the pixel that it lies on.
+/// Returns whether, with weights `[o, c, k, k]`, each output reads only the pixel at its position.
 fn is_pointwise(spec: ConvSpec, weight: &Shape) -> bool {
     weight[2] == 1 && spec == ConvSpec::pointwise()
 }
 
-/// As burn has it, with weights of that shape.
+/// Returns burn's options for weights of this shape.
 fn options(spec: ConvSpec, weight: &Shape) -> ConvOptions<2> {
     let groups = if spec.depthwise { weight[0] } else { 1 };
     ConvOptions::new(
@@ -32,7 +32,7 @@ fn options(spec: ConvSpec, weight: &Shape) -> ConvOptions<2> {
     )
 }
 
-/// Backends that convolve; the defaults are burn's own implementation, the plain reference.
+/// Backends with convolution; the defaults are burn's own implementation, the plain reference.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -40,15 +40,15 @@ fn options(spec: ConvSpec, weight: &Shape) -> ConvOptions<2> {
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait ConvBackend: Backend {
-    /// `x [b, h, w, c]` with `weight [o, c, k, k]`, or `[c, 1, k, k]` if each channel is convolved alone, to `[b, h', w', o]`.
+    /// Convolves `x [b, h, w, c]` with `weight [o, c, k, k]`, or `[c, 1, k, k]` if depthwise, to `[b, h', w', o]`.
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
         reference::<Self>(x, weight, spec)
     }
 }
 
-/// The gradients of [`ConvBackend::conv`]; the defaults are burn's own implementation.
+/// Gradients of [`ConvBackend::conv`]; the defaults are burn's own implementation.
 pub trait ConvGradients: ConvBackend {
-    /// The gradient of `x` from that of the output.
+    /// Computes the gradient of `x` from that of the output.
     fn conv_backward_input(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -58,7 +58,7 @@ pub trait ConvGradients: ConvBackend {
         reference_input::<Self>(x, weight, grad, spec)
     }
 
-    /// The gradient of `weight` from that of the output.
+    /// Computes the gradient of `weight` from that of the output.
     fn conv_backward_weight(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -69,7 +69,7 @@ pub trait ConvGradients: ConvBackend {
     }
 }
 
-/// The convolution in burn's own operations.
+/// Convolves with burn's own operations.
 fn reference<B: Backend>(
     x: FloatTensor<B>,
     weight: FloatTensor<B>,
@@ -87,7 +87,7 @@ fn reference<B: Backend>(
     channels_last::<B>(output)
 }
 
-/// The gradient of its input in burn's own operations.
+/// Computes the gradient of the input with burn's own operations.
 fn reference_input<B: Backend>(
     x: FloatTensor<B>,
     weight: FloatTensor<B>,
@@ -103,7 +103,7 @@ fn reference_input<B: Backend>(
     channels_last::<B>(B::conv2d_x_backward(x, weight, grad, options))
 }
 
-/// The gradient of its weights in burn's own operations.
+/// Computes the gradient of the weights with burn's own operations.
 fn reference_weight<B: Backend>(
     x: FloatTensor<B>,
     weight: FloatTensor<B>,
@@ -120,35 +120,35 @@ fn reference_weight<B: Backend>(
     B::conv2d_weight_backward(x, weight, grad, options)
 }
 
-/// `[b, h, w, c]` as rows `[b h w, c]`.
+/// Reshapes `[b, h, w, c]` to rows `[b h w, c]`.
 fn rows<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
     let shape = x.shape();
     B::float_reshape(x, Shape::new([shape[0] * shape[1] * shape[2], shape[3]]))
 }
 
-/// Rows as images of the size of `like`.
+/// Reshapes rows to images of the size of `like`.
 fn images<B: Backend>(rows: FloatTensor<B>, like: &Shape) -> FloatTensor<B> {
     let channels = rows.shape()[1];
     B::float_reshape(rows, Shape::new([like[0], like[1], like[2], channels]))
 }
 
-/// Weights `[o, c, 1, 1]` as `[o, c]`.
+/// Reshapes weights `[o, c, 1, 1]` to `[o, c]`.
 fn matrix<B: Backend>(weight: FloatTensor<B>) -> FloatTensor<B> {
     let shape = weight.shape();
     B::float_reshape(weight, Shape::new([shape[0], shape[1]]))
 }
 
-/// `[b, h, w, c]` as `[b, c, h, w]`.
+/// Permutes `[b, h, w, c]` to `[b, c, h, w]`.
 fn channels_first<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
     B::float_permute(x, &[0, 3, 1, 2])
 }
 
-/// `[b, c, h, w]` as `[b, h, w, c]`.
+/// Permutes `[b, c, h, w]` to `[b, h, w, c]`.
 fn channels_last<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
     B::float_permute(x, &[0, 2, 3, 1])
 }
 
-/// The product of `x [rows, in]` and `weight [in, out]`.
+/// Returns the product of `x [rows, in]` and `weight [in, out]`.
 pub fn linear(x: Tensor<2>, weight: Tensor<2>) -> Tensor<2> {
     let ([rows, inputs], [_, outputs]) = (x.dims(), weight.dims());
     let weight = weight.transpose().reshape([outputs, inputs, 1, 1]);
@@ -156,8 +156,7 @@ pub fn linear(x: Tensor<2>, weight: Tensor<2>) -> Tensor<2> {
     conv2d(image, weight, ConvSpec::pointwise()).reshape([rows, outputs])
 }
 
-/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]`, or `[in, 1, taps, taps]` if each channel is
-/// convolved alone.
+/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]`, or `[in, 1, taps, taps]` if depthwise.
 pub fn conv2d(x: Tensor<4>, weight: Tensor<4>, spec: ConvSpec) -> Tensor<4> {
     Tensor::from_dispatch(Dispatch::conv(
         x.into_dispatch(),

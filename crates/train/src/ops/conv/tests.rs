@@ -1,5 +1,4 @@
-//! The kernels against plain loops, on every instruction set that this machine has, and their
-//! gradients as exact adjoints.
+//! The kernels against plain loops, on every instruction set of this machine, and their gradients as exact adjoints.
 
 use super::{ConvSpec, conv2d};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -9,7 +8,7 @@ use lsdc_rng::Rng;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// Every kind of convolution on sizes around those of tiles, vectors and panels.
+/// Returns every kind of convolution, with sizes around those of tiles, vectors and panels.
 fn cases() -> Vec<Shape> {
     let wide = ConvSpec {
         stride: 2,
@@ -56,9 +55,9 @@ fn cases() -> Vec<Shape> {
             cases.push(shape(size, channels, channels, taps, spec));
         }
     }
-    // More pixels than fit one task.
+    // More pixels than one task processes.
     cases.push(shape([1, 60, 70], 40, 3, 3, ConvSpec::same(1)));
-    // So many tiles that gradients of weights are summed in parts.
+    // Enough tiles that gradients of weights are summed in parts.
     cases.push(shape([2, 66, 75], 16, 16, 3, ConvSpec::same(1)));
     cases.push(shape([2, 66, 75], 20, 40, 3, ConvSpec::same(2)));
     cases
@@ -69,7 +68,7 @@ fn random(count: usize, name: &str) -> Vec<f32> {
     (0..count).map(|_| rng.normal()).collect()
 }
 
-/// Calls `visit(output, input, weight)` with the places of every product.
+/// Calls `visit(output, input, weight)` with the indices of every product.
 fn products(shape: &Shape, mut visit: impl FnMut(usize, usize, usize)) {
     let (height, width) = shape.out();
     let Shape { channels, taps, .. } = *shape;
@@ -104,7 +103,7 @@ fn products(shape: &Shape, mut visit: impl FnMut(usize, usize, usize)) {
     }
 }
 
-/// The sizes of the weights.
+/// Returns the shape of the weights.
 fn kernel_of(shape: &Shape) -> [usize; 4] {
     let taps = shape.taps;
     [shape.outputs, shape.depth() / (taps * taps), taps, taps]
@@ -157,7 +156,7 @@ proptest! {
     #![proptest_config(ProptestConfig {
         cases: 60,
         failure_persistence: None,
-        // The same cases every time.
+        // The same cases in every run.
         rng_seed: RngSeed::Fixed(1),
         ..ProptestConfig::default()
     })]
@@ -274,7 +273,7 @@ fn gradients_of_the_op_match_central_differences() {
             random(dims.iter().product(), "x"),
             random(kernel.iter().product(), "w"),
         );
-        // Quadratic in either argument: central differences of any step are exact.
+        // Quadratic in each argument: central differences with any step are exact.
         let loss = |x: Tensor<4>, w: Tensor<4>| conv2d(x, w, shape.spec).square().sum();
         let value = |x: &[f32], w: &[f32]| {
             let loss = loss(tensor(x, dims), tensor(w, kernel));

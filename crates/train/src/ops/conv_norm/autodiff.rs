@@ -1,4 +1,4 @@
-//! The backward pass: ops of the inner backend.
+//! The backward pass: operations of the inner backend.
 
 use super::{ConvNormBackend, ConvNormGradients, ConvNormSpec};
 use crate::ops::autodiff::record;

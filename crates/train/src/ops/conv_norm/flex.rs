@@ -1,5 +1,5 @@
-//! The op on flex: a normalisation with fixed statistics is a slope s and an offset per output, so that the outputs are
-//! those of the convolution with weights s W and a bias, and gradients those of such a convolution.
+//! The operation on flex. A normalisation with fixed statistics is a slope s and an offset per output, so the outputs are those
+//! of a convolution with weights s W and a bias, and the gradients are those of this convolution.
 
 use super::{ConvNormBackend, ConvNormGradients, ConvNormSpec, reference, reference_backward};
 use crate::ops::conv::{self, ConvGradients as _};
@@ -10,7 +10,7 @@ use burn::tensor::{DType, TensorData};
 use burn_flex::FlexTensor;
 use lsdc_kernels::norm::{ChannelAffine, relu_gradient, row_sums};
 
-/// Weights `[outputs, ..]`, those of each output multiplied by its slope.
+/// Multiplies weights `[outputs, ..]` by the slope of each output.
 fn folded(weight: &FlexTensor, slopes: &[f32]) -> FlexTensor {
     let values = weight.storage::<f32>();
     let size = values.len() / slopes.len().max(1);

@@ -1,5 +1,5 @@
-//! A convolution and the batch normalisation that follows it, with fixed statistics, as one burn extension op. On flex
-//! the normalisation is folded into the weights, forward and backward: no pass over memory is its own.
+//! A convolution followed by a batch normalisation with fixed statistics, as one burn extension operation. On flex the
+//! normalisation is folded into the weights, forward and backward, so that it needs no pass over memory.
 
 mod autodiff;
 mod flex;
@@ -12,14 +12,14 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
 
-/// What a convolution with a normalisation does.
+/// Settings of a convolution with a normalisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConvNormSpec {
-    /// Of the convolution.
+    /// Settings of the convolution.
     pub conv: ConvSpec,
     /// Added to the variance.
     pub epsilon: f64,
-    /// Cuts the output off below 0.
+    /// Whether a ReLU follows.
     pub relu: bool,
 }
 
@@ -36,17 +36,17 @@ impl ConvNormSpec {
 /// The gain, shift, mean and variance of a normalisation, `[channels]` each.
 #[derive(Clone, Debug)]
 pub struct FixedNorm {
-    /// Multiplies what has mean 0 and variance 1.
+    /// Factor of the standardised values.
     pub gain: Tensor<1>,
-    /// Is added then.
+    /// Offset added to the product.
     pub shift: Tensor<1>,
-    /// Not differentiated.
+    /// Mean; not differentiated.
     pub mean: Tensor<1>,
-    /// Not differentiated.
+    /// Variance; not differentiated.
     pub variance: Tensor<1>,
 }
 
-/// Backends that convolve and normalise; the defaults do one after the other, the plain reference.
+/// Backends with convolution and normalisation; the defaults run one after the other, the plain reference.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -54,7 +54,7 @@ pub struct FixedNorm {
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait ConvNormBackend: Backend + ConvBackend + NormBackend {
-    /// The output `[b, h', w', o]`, and what the backward pass needs of the forward pass.
+    /// Returns the output `[b, h', w', o]`, and the values needed by the backward pass.
     fn conv_norm(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -68,10 +68,10 @@ pub trait ConvNormBackend: Backend + ConvBackend + NormBackend {
     }
 }
 
-/// The gradients of [`ConvNormBackend::conv_norm`]; the defaults are the plain reference.
+/// Gradients of [`ConvNormBackend::conv_norm`]; the defaults are the plain reference.
 pub trait ConvNormGradients: ConvNormBackend + ConvGradients + NormGradients {
-    /// From the gradient of the output: a gradient for [`ConvNormGradients::conv_norm_backward_input`], and those of weight,
-    /// gain and shift.
+    /// Computes, from the gradient of the output: a gradient for [`ConvNormGradients::conv_norm_backward_input`], and those of
+    /// weight, gain and shift.
     fn conv_norm_backward(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -86,7 +86,7 @@ pub trait ConvNormGradients: ConvNormBackend + ConvGradients + NormGradients {
         reference_backward::<Self>(x, weight, gain, shift, mean, variance, saved, grad, spec)
     }
 
-    /// The gradient of the input from what [`ConvNormGradients::conv_norm_backward`] returns for it.
+    /// Computes the gradient of the input from that returned by [`ConvNormGradients::conv_norm_backward`].
     fn conv_norm_backward_input(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -100,7 +100,7 @@ pub trait ConvNormGradients: ConvNormBackend + ConvGradients + NormGradients {
     }
 }
 
-/// One after the other; returns the output, and what is between them.
+/// Runs one after the other; returns the output, and the intermediate values.
 fn reference<B: ConvNormBackend>(
     x: FloatTensor<B>,
     weight: FloatTensor<B>,
@@ -115,7 +115,7 @@ fn reference<B: ConvNormBackend>(
     (output, between)
 }
 
-/// The backward pass of the reference.
+/// Computes the backward pass of the reference.
 fn reference_backward<B: ConvNormGradients>(
     x: FloatTensor<B>,
     weight: FloatTensor<B>,
@@ -134,8 +134,8 @@ fn reference_backward<B: ConvNormGradients>(
     [grad, weight, gain, shift]
 }
 
-/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]` and normalises the outputs; differentiable
-/// in `x`, `weight`, gain and shift.
+/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]` and normalises the outputs. Differentiable in
+/// `x`, `weight`, gain and shift.
 pub fn conv_norm(
     x: Tensor<4>,
     weight: Tensor<4>,
@@ -154,7 +154,7 @@ pub fn conv_norm(
     Tensor::from_dispatch(output)
 }
 
-/// The same for the rows of `x [rows, in]` and `weight [in, out]`.
+/// Multiplies `x [rows, in]` by `weight [in, out]` and normalises the outputs, like [`conv_norm`].
 pub fn linear_norm(
     x: Tensor<2>,
     weight: Tensor<2>,

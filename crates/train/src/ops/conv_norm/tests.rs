@@ -1,11 +1,11 @@
-//! The folded f32 path against burn's own operations in f64, values and gradients, and those against differences.
+//! Values and gradients of the folded f32 path against burn's own operations in f64, and gradients against differences.
 
 use super::{ConvNormSpec, FixedNorm, conv_norm, linear_norm};
 use crate::ops::conv::ConvSpec;
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc_rng::Rng;
 
-/// A layer's sizes: batch, height, width, inputs, outputs, taps.
+/// Sizes of a layer: batch, height, width, inputs, outputs, taps.
 type Sizes = [usize; 6];
 
 fn random(count: usize, name: &str) -> Vec<f64> {
@@ -13,7 +13,7 @@ fn random(count: usize, name: &str) -> Vec<f64> {
     (0..count).map(|_| f64::from(rng.normal()) + 0.3).collect()
 }
 
-/// Input, weights, gain, shift.
+/// Returns input, weights, gain and shift.
 fn arguments([batch, height, width, inputs, outputs, taps]: Sizes) -> [Vec<f64>; 4] {
     [
         random(batch * height * width * inputs, "x"),
@@ -23,7 +23,7 @@ fn arguments([batch, height, width, inputs, outputs, taps]: Sizes) -> [Vec<f64>;
     ]
 }
 
-/// A weighted sum of the outputs, all outputs, and the gradients of the sum.
+/// Returns a weighted sum of the outputs, all outputs, and the gradients of the sum.
 fn run(
     sizes: Sizes,
     arguments: &[Vec<f64>; 4],
@@ -81,7 +81,7 @@ fn folded_layers_agree_with_one_layer_after_the_other() {
         ([1, 30, 41, 17, 33, 3], ConvSpec::same(2)),
         ([2, 21, 18, 8, 16, 3], ConvSpec::halving()),
         ([3, 40, 50, 6, 4, 1], ConvSpec::pointwise()),
-        // More outputs than one piece of a sum.
+        // More pixels than one chunk of a sum.
         ([2, 61, 70, 6, 17, 1], ConvSpec::pointwise()),
     ] {
         for spec in specs(conv) {
@@ -138,7 +138,7 @@ fn rows_are_pixels() {
     let x = tensor(vec![1.0, 2.0, 3.0, -1.0, 0.0, 1.0], [2, 3]);
     let weight = tensor(vec![1.0, 0.0, 0.0, 1.0, 1.0, 1.0], [3, 2]);
     let y = linear_norm(x, weight, fixed, 0.0, true);
-    // Sums (4, 5) and (0, 1); then (4 - 1) / 2 * 2 + 0.5, 1 - 5 / 0.5, cut off, and so on.
+    // Sums (4, 5) and (0, 1); then (4 - 1) / 2 * 2 + 0.5, 1 - 5 / 0.5, clipped at 0, and so on.
     let y: Vec<f32> = y.into_data().iter().collect();
     assert_eq!(y, [3.5, 0.0, 0.0, 0.0]);
 }

@@ -1,4 +1,4 @@
-//! The backward pass: one more op of the inner backend.
+//! The backward pass: one operation of the inner backend.
 
 use super::{BatchCells, InterpolateBackend, InterpolateGradients};
 use crate::ops::autodiff::record;

@@ -1,5 +1,5 @@
-//! The op on GPUs: a unit for each number of the result, or of the gradient, which sums what it is made of. Burn's own
-//! operations add the rows of a gradient one after the other.
+//! The operation on GPUs: one unit per value of the result, or of the gradient, sums its terms. Burn's own operations add the
+//! rows of a gradient sequentially.
 
 use super::{
     BatchCells, BilinearCell, InterpolateBackend, InterpolateGradients, reference,
@@ -16,7 +16,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 use rayon::prelude::*;
 
-/// Rows that a cell is made of.
+/// Number of rows of a cell.
 const CORNERS: usize = 4;
 
 type Floats = FloatTensor<CubeBackend>;
@@ -36,7 +36,7 @@ impl InterpolateBackend for CubeBackend {
         let index = each(&cells, |image, cell| row(image, cell));
         let shares = each(&cells, |_, cell| cell.shares);
         let sums = Sums {
-            // All of the same length.
+            // All sums have the same length.
             starts: (0..=count).map(|cell| (cell * CORNERS) as i32).collect(),
             index,
             shares,
@@ -57,7 +57,7 @@ impl InterpolateGradients for CubeBackend {
     }
 }
 
-/// Something of every row of every cell.
+/// Returns a value for every row of every cell.
 fn each<T: Send>(
     cells: &BatchCells,
     of: impl Fn(usize, &BilinearCell) -> [T; CORNERS] + Sync,
@@ -68,18 +68,18 @@ fn each<T: Send>(
     parts.collect()
 }
 
-/// Sums of rows of a table: a sparse matrix, row by row.
+/// Weighted sums of rows of a table: a sparse matrix in CSR format.
 struct Sums {
-    /// Where the entries of each sum begin, and the end of the last.
+    /// Start of the entries of each sum, and the end of the last one.
     starts: Vec<i32>,
-    /// The row of the table of each entry.
+    /// Row of the table of each entry.
     index: Vec<i32>,
-    /// How often it is counted.
+    /// Weight of each entry.
     shares: Vec<f32>,
 }
 
 impl Sums {
-    /// The sums of cells for each of the `rows` of each image that those cells read, in the order of cells.
+    /// Returns, for each of the `rows` of each image, the sum of the cells that read it, in the order of cells.
     fn transposed(cells: &BatchCells, rows: usize) -> Self {
         let firsts: Vec<usize> = cells
             .iter()
@@ -108,7 +108,7 @@ impl Sums {
         all
     }
 
-    /// Those of one image, whose cells are counted from `first`.
+    /// Returns the sums of one image, whose cells are counted from `first`.
     fn of_image(cells: &[BilinearCell], first: usize, rows: usize) -> Self {
         let mut starts = vec![0_i32; rows + 1];
         for row in cells.iter().flat_map(|cell| cell.rows) {
@@ -135,7 +135,7 @@ impl Sums {
         }
     }
 
-    /// The sums `[sums, channels]` of a table whose rows are contiguous.
+    /// Returns the sums `[sums, channels]` of a table with contiguous rows.
     fn of(self, table: &CubeTensor, channels: usize) -> CubeTensor {
         let count = self.starts.len() - 1;
         let device = &table.device;
@@ -162,8 +162,8 @@ impl Sums {
     }
 }
 
-/// `result [sums, channels]` from `table [rows, channels]`: sum `i` is of the entries from `starts[i]` to
-/// `starts[i + 1]`, rows `index` times `shares`.
+/// Computes `result [sums, channels]` from `table [rows, channels]`: sum `i` has the entries from `starts[i]` to `starts[i +
+/// 1]`, each a row `index` times its `shares`.
 #[cube(launch)]
 fn sum_rows(
     table: &[f32],

@@ -1,4 +1,4 @@
-//! The op on flex, with all threads: forward in pieces of the cells, backward image by image.
+//! The operation on flex with all threads: forward in chunks of cells, backward image by image.
 
 use super::{BatchCells, InterpolateBackend, InterpolateGradients, reference, reference_backward};
 use burn::backend::tensor::FloatTensor;

@@ -1,5 +1,5 @@
-//! Features read between pixel centres, as a burn extension op: fast paths for flex and GPUs,
-//! burn's own operations for other backends.
+//! Interpolation of features between pixel centres, as a burn extension operation: fast paths for flex and GPUs, burn's own
+//! operations for other backends.
 
 mod autodiff;
 #[cfg(feature = "wgpu")]
@@ -14,10 +14,10 @@ use burn::tensor::{IndexingUpdateOp, IntDType, Shape, Tensor, TensorData};
 pub use lsdc_kernels::gather::BilinearCell;
 use std::sync::Arc;
 
-/// Where each image of a batch is read, at equally many places.
+/// Cells of each image of a batch, the same number for each.
 pub type BatchCells = Arc<Vec<Vec<BilinearCell>>>;
 
-/// Backends that interpolate; the defaults are the plain reference.
+/// Backends with interpolation; the defaults are the plain reference.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -25,15 +25,15 @@ pub type BatchCells = Arc<Vec<Vec<BilinearCell>>>;
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait InterpolateBackend: Backend {
-    /// Sums of four rows of `table [images, rows, channels]` for each cell: `[images * cells, channels]`.
+    /// Returns the weighted sum of four rows of `table [images, rows, channels]` for each cell: `[images * cells, channels]`.
     fn read_between(table: FloatTensor<Self>, cells: BatchCells) -> FloatTensor<Self> {
         reference::<Self>(table, &cells)
     }
 }
 
-/// The gradient of [`InterpolateBackend::read_between`]; the default is the plain reference.
+/// Gradient of [`InterpolateBackend::read_between`]; the default is the plain reference.
 pub trait InterpolateGradients: InterpolateBackend {
-    /// The gradient of a table of `shape` (images, rows, channels) from that of the result.
+    /// Computes the gradient of a table of `shape` (images, rows, channels) from that of the result.
     fn read_between_backward(
         grad: FloatTensor<Self>,
         shape: [usize; 3],
@@ -43,7 +43,7 @@ pub trait InterpolateGradients: InterpolateBackend {
     }
 }
 
-/// The forward pass in burn's own operations.
+/// Computes the forward pass with burn's own operations.
 fn reference<B: Backend>(table: FloatTensor<B>, cells: &BatchCells) -> FloatTensor<B> {
     let shape = table.shape();
     let (rows, channels) = (shape[1], shape[2]);
@@ -55,7 +55,7 @@ fn reference<B: Backend>(table: FloatTensor<B>, cells: &BatchCells) -> FloatTens
     parts.reduce(B::float_add).expect("four parts")
 }
 
-/// The backward pass in burn's own operations.
+/// Computes the backward pass with burn's own operations.
 fn reference_backward<B: Backend>(
     grad: FloatTensor<B>,
     [images, rows, channels]: [usize; 3],
@@ -76,7 +76,7 @@ fn reference_backward<B: Backend>(
     B::float_reshape(sum, Shape::new([images, rows, channels]))
 }
 
-/// The `k`-th row of each cell, counted over the whole batch, and its share `[cells, 1]`, where `like` is.
+/// Returns the `k`-th row of each cell, counted over the whole batch, and its share `[cells, 1]`, on the device of `like`.
 fn corner<B: Backend>(
     like: &FloatTensor<B>,
     rows: usize,
@@ -100,8 +100,8 @@ fn corner<B: Backend>(
     )
 }
 
-/// Sums of four rows of `table [images, rows, channels]` for each cell of each image, one image after the other:
-/// `[images * cells, channels]`; differentiable in `table`.
+/// Returns the weighted sum of four rows of `table [images, rows, channels]` for each cell of each image, image by image:
+/// `[images * cells, channels]`. Differentiable in `table`.
 pub fn interpolate(table: Tensor<3>, cells: Vec<Vec<BilinearCell>>) -> Tensor<2> {
     Tensor::from_dispatch(Dispatch::read_between(
         table.into_dispatch(),

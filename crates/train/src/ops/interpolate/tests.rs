@@ -1,4 +1,4 @@
-//! The fast f32 path against burn's own operations in f64, values and gradients.
+//! Values and gradients of the fast f32 path against burn's own operations in f64.
 
 use super::{BilinearCell, interpolate};
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -9,7 +9,7 @@ fn random(count: usize, name: &str) -> Vec<f64> {
     (0..count).map(|_| f64::from(rng.normal())).collect()
 }
 
-/// The cells of an image of `rows` rows, many of which name a row twice.
+/// Returns the cells of an image of `rows` rows; many cells have the same row twice.
 fn cells(count: usize, rows: usize, name: &str) -> Vec<BilinearCell> {
     let mut rng = Rng::stream(0, &["interpolate", name]);
     let mut cell = || BilinearCell {
@@ -19,7 +19,7 @@ fn cells(count: usize, rows: usize, name: &str) -> Vec<BilinearCell> {
     (0..count).map(|_| cell()).collect()
 }
 
-/// The result and the gradient of its product with a random direction.
+/// Returns the result and the gradient of its product with a random direction.
 fn run([images, rows, channels]: [usize; 3], count: usize, dtype: DType) -> [Vec<f64>; 2] {
     let device = Device::flex().autodiff();
     let tensor = |shape: [usize; 2], name: &str| {

@@ -1,10 +1,10 @@
-//! The cosine basis on tensors, as columns beside those of basis functions.
+//! The cosine basis on tensors, as columns after those of basis functions.
 
 use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::fit::{CosineBasis, JointConfig};
 
-/// The cosine basis over images of one size, each times such a number that its weight counts as much as those of
-/// basis functions.
+/// The cosine basis over images of one size, scaled so that the weight of each cosine is penalised like those of basis
+/// functions.
 pub(super) struct CosineColumns {
     cosines: CosineBasis,
     size: (usize, usize),
@@ -12,7 +12,7 @@ pub(super) struct CosineColumns {
 }
 
 impl CosineColumns {
-    /// `None` without cosines; otherwise where, and of the type that, basis functions are.
+    /// Returns `None` without cosines; otherwise the basis, with the device and type of basis functions.
     pub(super) fn new(
         config: &JointConfig,
         size: (usize, usize),
@@ -36,7 +36,7 @@ impl CosineColumns {
         self.cosines.len()
     }
 
-    /// Values `[images, points, cosines]` at pixels of each image.
+    /// Returns the values `[images, points, cosines]` at pixels of each image.
     pub(super) fn at(&self, pixels: &[Vec<u32>]) -> Tensor<3> {
         let place = |&pixel: &u32| {
             let pixel = pixel as usize;
@@ -51,12 +51,12 @@ impl CosineColumns {
         self.constant::<3>(rows.collect(), shape) * self.scales.clone().unsqueeze()
     }
 
-    /// Columns of cosines x weights `[maps, cosines]` at every pixel: `[maps, height * width]`.
+    /// Multiplies cosines by weights `[maps, cosines]` at every pixel: `[maps, height * width]`.
     pub(super) fn maps(&self, weights: Tensor<2>) -> Tensor<2> {
         let (height, width) = self.size;
         let [maps, cosines] = weights.dims();
         let [across, down] = [0, 1].map(|axis| self.cosines.most(axis) + 1);
-        // Pairs that are left out read the 0 behind the weights.
+        // Pairs that are left out read the 0 after the weights.
         let mut places = vec![cosines as i32; across * down];
         for (wave, &(p, q)) in self.cosines.pairs().iter().enumerate() {
             places[q * across + p] = wave as i32;

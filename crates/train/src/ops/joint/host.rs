@@ -1,4 +1,4 @@
-//! The op on tensors of any backend: read, solve in f64, write back.
+//! The operation on tensors of any backend: reads, solves in f64, and writes back.
 
 use super::problems::{Inner, Problems};
 use crate::ops::host::{read, write};

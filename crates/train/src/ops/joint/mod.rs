@@ -1,5 +1,5 @@
-//! Basis functions and a smooth field, fitted together, as a differentiable burn op. The equations are
-//! those of `lsdc_core::fit`.
+//! Joint fit of basis functions and a smooth field, as a differentiable burn operation. The equations are those of
+//! `lsdc_core::fit`.
 
 mod autodiff;
 mod columns;
@@ -15,7 +15,7 @@ use columns::CosineColumns;
 use lsdc_core::fit::{FitConfig, PriorKind};
 pub use problems::Problems;
 
-/// Backends that fit jointly; the default fits on the host.
+/// Backends with the joint fit; the default fits on the host.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -23,8 +23,8 @@ pub use problems::Problems;
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait JointBackend: Backend {
-    /// `bases [problems, points, k]`, `depths` and `draws [problems, points]`, `affinities [images,
-    /// height, width, 2]` to weights and field `[problems, k + height width]`.
+    /// Fits `bases [problems, points, k]`, `depths` and `draws [problems, points]` and `affinities [images, height, width, 2]`.
+    /// Returns weights and field `[problems, k + height width]`.
     fn joint(
         bases: FloatTensor<Self>,
         depths: FloatTensor<Self>,
@@ -36,9 +36,9 @@ pub trait JointBackend: Backend {
     }
 }
 
-/// The gradients of [`JointBackend::joint`]; the default computes them on the host.
+/// Gradients of [`JointBackend::joint`]; the default computes them on the host.
 pub trait JointGradients: JointBackend {
-    /// The gradients of `bases` and `affinities` from that of the result.
+    /// Computes the gradients of `bases` and `affinities` from that of the result.
     fn joint_backward(
         grad: FloatTensor<Self>,
         affinities: FloatTensor<Self>,
@@ -48,7 +48,7 @@ pub trait JointGradients: JointBackend {
     }
 }
 
-/// What was fitted to each draw.
+/// The fits to all draws.
 #[derive(Clone, Debug)]
 pub struct JointFit {
     /// Weights `[problems, k]`.
@@ -59,13 +59,11 @@ pub struct JointFit {
 
 /// Fits basis functions and a field to every draw of points of a batch of images.
 ///
-/// Problem `p` is one of image `p % images`: `bases [problems, points, k]` and `depths [problems,
-/// points]` at candidate points, whose pixels `y * width + x` are `pixels[image]`, all different
-/// where `draws [problems, points]` is above 0. `affinities [images, height, width, 2]` is how
-/// strongly each pixel is joined to its right and lower neighbour. Cosines are part of the field. Solved
-/// on the host in f64; differentiable in `bases` and `affinities` by the adjoint equations. With the flat prior the
-/// weight of the first basis function is free, otherwise all have the same ridge. A problem without a solution yields
-/// NaN.
+/// Problem `p` belongs to image `p % images`. `bases [problems, points, k]` and `depths [problems, points]` are given at
+/// candidate points, whose pixels `y * width + x` are `pixels[image]`, all different where `draws [problems, points]` is
+/// positive. `affinities [images, height, width, 2]` join each pixel to its right and lower neighbour. Cosines are part of the
+/// field. Solved on the host in f64; differentiable in `bases` and `affinities` by the adjoint equations. With the flat prior
+/// the weight of the first basis function is free, otherwise all have the same ridge. A problem without a solution yields NaN.
 pub fn joint(
     bases: Tensor<3>,
     depths: Tensor<2>,

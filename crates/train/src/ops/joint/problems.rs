@@ -1,9 +1,9 @@
-//! What the problems of a batch are, beside tensors.
+//! The data of a batch of problems that is not in tensors.
 
 use lsdc_core::fit::{Adjoint, JointConfig};
 use std::sync::{Arc, Mutex};
 
-/// The problems of a batch, as far as they are not tensors.
+/// The data of a batch of problems that is not in tensors.
 #[derive(Clone, Debug)]
 pub struct Problems(pub(super) Arc<Inner>);
 
@@ -12,14 +12,14 @@ pub(super) struct Inner {
     /// Candidate points `y * width + x` of each image.
     pub(super) pixels: Vec<Vec<u32>>,
     pub(super) config: JointConfig,
-    /// The number of basis functions, the first ones, whose weights are not penalised.
+    /// Number of leading basis functions whose weights are not penalised.
     pub(super) free: usize,
-    /// What the way back needs, problem by problem.
+    /// Data for the backward pass, problem by problem.
     pub(super) solved: Mutex<Vec<Option<Adjoint>>>,
 }
 
 impl Problems {
-    /// Nothing of them is solved yet.
+    /// Creates a batch without solutions.
     pub(super) fn new(pixels: Vec<Vec<u32>>, config: JointConfig, free: usize) -> Self {
         Self(Arc::new(Inner {
             pixels,

@@ -1,4 +1,4 @@
-//! The op against central differences and dense equations.
+//! The operation against central differences and dense equations.
 
 use super::joint;
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -13,7 +13,7 @@ const POINTS: usize = 20;
 const FUNCTIONS: usize = 4;
 const IMAGES: usize = 2;
 const DRAWS: usize = 2;
-/// Each part strong enough to show.
+/// All parts are strong enough to have an effect.
 const CONFIG: JointConfig = JointConfig {
     observation_precision: 3.0,
     ridge: 0.2,
@@ -69,7 +69,7 @@ struct Values {
     affinities: Tensor<4>,
 }
 
-/// The sum of the results times fixed numbers.
+/// Returns the sum of the results times fixed numbers.
 fn objective(values: &Values, prior: PriorKind) -> Tensor<1> {
     let device = values.bases.device();
     let tensor = |v: Vec<f64>, shape: [usize; 2]| {
@@ -140,7 +140,7 @@ fn gradients_are_right(prior: PriorKind) {
     }
 }
 
-/// The precision of a field before it is observed, and zeros.
+/// Returns the prior precision of a field, padded with zeros.
 fn precision(affinities: &[f64], level: f64, size: usize) -> Mat<f64> {
     let mut precision = Mat::<f64>::zeros(size, size);
     let pixels = HEIGHT * WIDTH;

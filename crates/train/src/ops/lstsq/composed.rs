@@ -1,12 +1,12 @@
-//! What surrounds a factorisation on a device, made of burn's own operations.
+//! The differentiable steps around a factorisation on a device, from burn's own operations.
 
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
 use burn::tensor::{Shape, TensorData};
 use lsdc_core::fit::Solver;
 
-/// `[sqrt(w) F | sqrt(w) d]`, `[batch, n, k + 1]`; with a ridge, `sqrt(mu) I` below it, so that its R is
-/// that of the regularised problem and nothing is squared.
+/// Returns `[sqrt(w) F | sqrt(w) d]`, `[batch, n, k + 1]`; with a ridge, `sqrt(mu) I` is appended below, so that R is that of
+/// the regularised problem without forming the normal equations.
 pub(super) fn rows<B: Backend>(
     bases: FloatTensor<B>,
     depths: FloatTensor<B>,
@@ -28,12 +28,12 @@ pub(super) fn rows<B: Backend>(
     B::float_cat(vec![rows, below], 1)
 }
 
-/// The problem with its rows scaled by the square root of their weights.
+/// A problem with rows scaled by the square roots of their weights.
 struct Scaled<B: Backend> {
     roots: FloatTensor<B>,
     bases: FloatTensor<B>,
     depths: FloatTensor<B>,
-    /// mu `[batch, 1, 1]` of a ridge.
+    /// Ridge mu `[batch, 1, 1]`, if there is one.
     shift: Option<FloatTensor<B>>,
 }
 
@@ -69,13 +69,12 @@ impl<B: Backend> Scaled<B> {
     }
 }
 
-/// The gradients of `bases` and `depths` from the solution x and the factor K. With r = d - F x, v
-/// = (F^T F + mu)^+ g, q = (F^+)^T g, u = (F^+)^T x and P the projection on the directions left
-/// out: grad d = q, grad F = r v^T - q x^T + u (P g)^T - 2 mu / trace (v . x) F (Golub and Pereyra
-/// 1973; the last term is that of a ridge which follows the trace). Directions left out are taken
-/// for exactly zero.
+/// Computes the gradients of `bases` and `depths` from the solution x and the factor K. Let r = d - F x, v = (F^T F + mu)^+ g,
+/// q = (F^+)^T g, u = (F^+)^T x, and P the projection on the discarded directions. Then grad d = q and grad F = r v^T - q x^T +
+/// u (P g)^T - 2 mu / trace (v . x) F (Golub and Pereyra 1973; the last term is that of a ridge proportional to the trace).
+/// Discarded directions are treated as exactly zero.
 ///
-/// q, u and v are refined once, as products with K K^T alone lose digits with the condition.
+/// q, u and v are refined once, because products with K K^T alone lose digits for large condition numbers.
 pub(super) fn backward<B: Backend>(
     bases: FloatTensor<B>,
     depths: FloatTensor<B>,
@@ -99,7 +98,7 @@ pub(super) fn backward<B: Backend>(
     let (rows, columns) = (transposed(&bases), transposed(&factor));
     let inverse = |v: &FloatTensor<B>| product(&factor, &product(&columns, v));
 
-    // v with (F^T F + mu) v = b, refined.
+    // Solves (F^T F + mu) v = b, with refinement.
     let refined = |b: &FloatTensor<B>| {
         let first = inverse(b);
         let mut met = product(&rows, &product(&bases, &first));
@@ -138,19 +137,19 @@ pub(super) fn backward<B: Backend>(
     ]
 }
 
-/// The part of `g [batch, k, 1]` within the directions that were kept: those of the columns of K,
-/// which are orthogonal where any was left out. Where none was it is `g`.
+/// Returns the projection of `g [batch, k, 1]` on the kept directions: those of the columns of K, which are orthogonal if any
+/// direction was discarded. If none was, the result is `g`.
 fn projected<B: Backend>(factor: &FloatTensor<B>, g: &FloatTensor<B>) -> FloatTensor<B> {
     let k = factor.shape()[2] as f64;
     let squares = B::float_sum_dim(B::float_mul(factor.clone(), factor.clone()), 1);
-    // 1 for columns that were kept, 0 for others.
+    // 1 for kept columns, 0 for others.
     let retained = B::float_sign(squares.clone());
     let left = B::float_add_scalar(B::float_neg(retained.clone()), 1.0.into());
     let norms = B::float_sqrt(B::float_add(squares, left));
     let directions = B::float_div(factor.clone(), norms);
     let along = B::float_matmul(B::float_swap_dims(directions.clone(), 1, 2), g.clone());
     let within = B::float_matmul(directions, along);
-    // 1 where all were kept, 0 elsewhere.
+    // 1 if all directions were kept, otherwise 0.
     let all = B::float_add_scalar(B::float_sum_dim(retained, 2), (1.0 - k).into());
     let all = B::float_clamp_min(all, 0.0.into());
     B::float_add(

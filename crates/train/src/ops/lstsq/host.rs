@@ -1,4 +1,4 @@
-//! The op on tensors of any backend: read, solve in f64, write back.
+//! The operation on tensors of any backend: reads, solves in f64, and writes back.
 
 use crate::ops::host::{read, write};
 use burn::backend::tensor::FloatTensor;
@@ -6,7 +6,7 @@ use burn::backend::{Backend, TensorMetadata as _};
 use lsdc_core::fit::{Problem, Solver};
 use rayon::prelude::*;
 
-/// Slices of a batch of problems.
+/// The data of a batch of problems.
 struct Batch {
     points: usize,
     columns: usize,

@@ -1,8 +1,7 @@
-//! Weighted least squares as a differentiable burn op.
+//! Weighted least squares as a differentiable burn operation.
 //!
-//! One problem per image: rows are points, columns are basis functions, a row weight of 0 marks
-//! padding. GPUs solve in f32 without leaving the device; elsewhere, and for other float types, all
-//! arithmetic is f64 on the host.
+//! There is one problem per image: rows are points, columns are basis functions, and a row weight of 0 marks padding. GPUs
+//! solve in f32 on the device; elsewhere, and for other float types, all arithmetic is f64 on the host.
 
 mod autodiff;
 #[cfg(feature = "wgpu")]
@@ -18,7 +17,7 @@ use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
 use lsdc_core::fit::Solver;
 
-/// Backends that solve; the default solves on the host.
+/// Backends with a solver; the default solves on the host.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -26,8 +25,7 @@ use lsdc_core::fit::Solver;
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait LstsqBackend: Backend {
-    /// `bases [b, n, k]`, `depths [b, n]`, `weights [b, n]` to the solution `[b, k]`, which can be
-    /// differentiated.
+    /// Solves for `bases [b, n, k]`, `depths [b, n]`, `weights [b, n]`. Returns the solution `[b, k]`, which is differentiable.
     fn lstsq(
         bases: FloatTensor<Self>,
         depths: FloatTensor<Self>,
@@ -37,8 +35,8 @@ pub trait LstsqBackend: Backend {
         Self::lstsq_factor(bases, depths, weights, solver).0
     }
 
-    /// The solution `[b, k]` and K `[b, k, k]` with `K K^T` the pseudo-inverse of the normal
-    /// matrix: columns of 0 stand for directions that were left out. Not differentiated.
+    /// Returns the solution `[b, k]` and K `[b, k, k]` with `K K^T` the pseudo-inverse of the normal matrix; columns of 0 stand
+    /// for discarded directions. Not differentiable.
     fn lstsq_factor(
         bases: FloatTensor<Self>,
         depths: FloatTensor<Self>,
@@ -49,9 +47,9 @@ pub trait LstsqBackend: Backend {
     }
 }
 
-/// The gradients of [`LstsqBackend::lstsq`]; the default computes them on the host.
+/// Gradients of [`LstsqBackend::lstsq`]; the default computes them on the host.
 pub trait LstsqGradients: LstsqBackend {
-    /// The gradients of `bases` and `depths` from that of the solution.
+    /// Computes the gradients of `bases` and `depths` from that of the solution.
     fn lstsq_backward(
         bases: FloatTensor<Self>,
         depths: FloatTensor<Self>,
@@ -68,9 +66,8 @@ pub trait LstsqGradients: LstsqBackend {
 
 /// Minimises `sum_i weights_i (depths_i - bases_i . x)^2` for every image of a batch.
 ///
-/// `bases [batch, points, k]`, `depths` and `weights [batch, points]`, result `[batch, k]`.
-/// Differentiable in `bases` and `depths`; the weights are constants. A problem without a solution
-/// (values that are not finite) yields NaN.
+/// `bases [batch, points, k]`, `depths` and `weights [batch, points]`; the result is `[batch, k]`. Differentiable in `bases`
+/// and `depths`; the weights are constants. A problem without a solution (values that are not finite) yields NaN.
 pub fn lstsq(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: Solver) -> Tensor<2> {
     Tensor::from_dispatch(Dispatch::lstsq(
         bases.into_dispatch(),
@@ -80,18 +77,18 @@ pub fn lstsq(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: So
     ))
 }
 
-/// Solutions, and the factor of the covariance.
+/// Solutions with the factor of their covariance.
 #[derive(Clone, Debug)]
 pub struct Factored {
-    /// As of [`lstsq`], `[batch, k]`, without its history.
+    /// Solution of [`lstsq`], `[batch, k]`, detached from the tape.
     pub solution: Tensor<2>,
-    /// K `[batch, k, k]`: `K K^T` is the covariance of the solution for points whose noise has
-    /// variance 1. Columns of 0 stand for directions that were left out.
+    /// K `[batch, k, k]`: `K K^T` is the covariance of the solution for points with a noise variance of 1. Columns of 0 stand
+    /// for discarded directions.
     pub factor: Tensor<3>,
 }
 
 impl Factored {
-    /// Solves, as [`lstsq`], for what cannot be differentiated.
+    /// Solves like [`lstsq`], without differentiation.
     pub fn new(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: Solver) -> Self {
         let (solution, factor) = Dispatch::lstsq_factor(
             bases.into_dispatch(),
@@ -105,7 +102,7 @@ impl Factored {
         }
     }
 
-    /// The number of directions that were kept, of each problem.
+    /// Returns the number of kept directions of each problem.
     pub fn ranks(&self) -> Vec<usize> {
         let [batch, k, _] = self.factor.dims();
         let largest = self.factor.clone().abs().max_dim(1).reshape([batch * k]);

@@ -1,4 +1,4 @@
-//! The op against closed forms and central differences.
+//! The operation against closed forms and central differences.
 
 use super::lstsq;
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -12,7 +12,7 @@ fn random(count: usize, name: &str) -> Vec<f64> {
     (0..count).map(|_| f64::from(rng.normal())).collect()
 }
 
-/// A problem with its gradients, through tensors and burn's tape.
+/// A problem and its gradients, computed with tensors and burn's tape.
 struct Case {
     shape: [usize; 3],
     bases: Vec<f64>,
@@ -33,7 +33,7 @@ impl Case {
         }
     }
 
-    /// `sum(direction * x)`, and its gradients by the tape.
+    /// Returns `sum(direction * x)`, and its gradients by the tape.
     fn loss(&self, bases: &[f64], depths: &[f64]) -> (f64, Vec<f64>, Vec<f64>) {
         let [b, n, k] = self.shape;
         let device = Device::flex().autodiff();
@@ -54,7 +54,7 @@ impl Case {
         )
     }
 
-    /// Every gradient against central differences.
+    /// Checks every gradient against central differences.
     fn check(&self) {
         let (_, bases, depths) = self.loss(&self.bases, &self.depths);
         let step = 1e-6;
@@ -108,7 +108,7 @@ fn gradients_with_a_ridge() {
 
 #[test]
 fn gradients_with_dependent_functions() {
-    // The differences push the lost direction up to about 1e-6, far below the cut.
+    // The differences raise the discarded singular value to about 1e-6, far below the cut.
     let mut case = Case::new([1, 12, 5], Solver::Truncated(1e-3));
     for row in case.bases.chunks_exact_mut(5) {
         row[4] = row[1] - 2.0 * row[3];

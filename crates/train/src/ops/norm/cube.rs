@@ -1,4 +1,4 @@
-//! The op on GPUs: a pass over the values for each of its parts, where burn's own operations take one for each of theirs.
+//! The operation on GPUs: one pass over the values per step, while burn's own operations take several.
 
 use super::{
     NormBackend, NormGradients, NormSpec, reference, reference_backward, reference_moments,
@@ -13,18 +13,18 @@ use burn_cubecl::cubecl::{self, prelude::*};
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-/// Channels that a cube sums at once.
+/// Channels summed by a cube at once.
 const CHANNELS: usize = 32;
-/// Units that share a channel.
+/// Units per channel.
 const LANES: usize = UNITS / CHANNELS;
-/// Rows at least that one part of a sum is over.
+/// Smallest number of rows of one part of a sum.
 const PART: usize = 512;
-/// Parts at most.
+/// Largest number of parts.
 const PARTS: usize = 512;
 
 type Floats = FloatTensor<CubeBackend>;
 
-/// Rows, channels, and the rows of one part of a sum.
+/// Rows, channels, and rows of one part of a sum.
 struct Extent {
     rows: usize,
     channels: usize,
@@ -32,7 +32,7 @@ struct Extent {
 }
 
 impl Extent {
-    /// Nothing where the kernels do not apply.
+    /// Returns `None` if the kernels do not apply.
     fn of(x: &CubeTensor) -> Option<Self> {
         let shape = x.shape();
         let (count, channels) = (shape.num_elements(), shape.last().copied().unwrap_or(1));
@@ -183,7 +183,7 @@ impl NormGradients for CubeBackend {
     }
 }
 
-/// What is done to each channel.
+/// The parameters of each channel.
 struct Line {
     gain: Floats,
     shift: Floats,
@@ -203,7 +203,7 @@ impl Line {
     }
 }
 
-/// The sum of a value of every lane of a channel, in the first lane.
+/// Sums a value over the lanes of a channel, in the first lane.
 #[cube]
 fn over_lanes(shared: &mut Shared<[f32]>, value: f32) -> f32 {
     let unit = UNIT_POS_X as usize;
@@ -215,13 +215,13 @@ fn over_lanes(shared: &mut Shared<[f32]>, value: f32) -> f32 {
             sum += shared[unit + other * CHANNELS];
         }
     }
-    // The memory is written again for the next value.
+    // The shared memory is reused for the next value.
     sync_cube();
     sum
 }
 
-/// `parts [parts, 2, channels]` of `x [rows, channels]`: the mean of each part, and the sum of squared differences from
-/// it. Both are summed as differences from the first row, so that large means cost no digits.
+/// Computes `parts [parts, 2, channels]` of `x [rows, channels]`: the mean of each part, and the sum of squared differences
+/// from it. Both are summed as differences from the first row, so that large means do not cost precision.
 #[cube(launch)]
 fn moments_of_parts(x: &[f32], parts: &mut [f32], rows: u32, channels: u32, part: u32) {
     let (rows, channels, part) = (rows as usize, channels as usize, part as usize);
@@ -255,7 +255,7 @@ fn moments_of_parts(x: &[f32], parts: &mut [f32], rows: u32, channels: u32, part
     }
 }
 
-/// Mean and variance of all `rows` from those of parts (Chan, Golub and `LeVeque` 1979).
+/// Combines mean and variance of all `rows` from those of parts (Chan, Golub and `LeVeque` 1979).
 #[cube(launch)]
 fn moments_of_all(parts: &[f32], mean: &mut [f32], variance: &mut [f32], rows: u32, part: u32) {
     let (rows, part) = (rows as usize, part as usize);
@@ -302,7 +302,7 @@ fn forward(
     }
 }
 
-/// The gradient of a value from that of its ReLU, if there is one.
+/// Returns the gradient of a value from that of its ReLU, if there is one.
 #[cube]
 fn passed(gradient: f32, value: f32, #[comptime] relu: bool) -> f32 {
     let mut passed = gradient;
@@ -312,8 +312,8 @@ fn passed(gradient: f32, value: f32, #[comptime] relu: bool) -> f32 {
     passed
 }
 
-/// `parts [parts, 2, channels]`: sums of the gradient `grad [rows, channels]` of the output, and of it times the
-/// normalised `x`.
+/// Computes `parts [parts, 2, channels]`: sums of the gradient `grad [rows, channels]` of the output, and sums of its product
+/// with the normalised `x`.
 #[cube(launch)]
 fn sums_of_parts(
     x: &[f32],
@@ -360,8 +360,8 @@ fn sums_of_parts(
     }
 }
 
-/// The gradient of `x` from that of the output, with the `sums [2, channels]` over all rows where statistics are its
-/// `own`.
+/// Computes the gradient of `x` from that of the output, with the `sums [2, channels]` over all rows if it has its `own`
+/// statistics.
 #[cube(launch)]
 fn backward(
     x: &[f32],

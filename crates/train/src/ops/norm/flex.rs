@@ -1,4 +1,4 @@
-//! The op on flex: one pass over memory forward, two backward, with all threads.
+//! The operation on flex with all threads: one pass over memory forward, two backward.
 
 use super::{
     NormBackend, NormGradients, NormSpec, reference, reference_backward, reference_moments,

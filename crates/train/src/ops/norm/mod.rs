@@ -1,5 +1,5 @@
-//! Batch normalisation with the ReLU that mostly follows it, as a burn extension op: fast paths
-//! for flex and GPUs, burn's own operations for other backends.
+//! Batch normalisation, optionally followed by ReLU, as a burn extension operation: fast paths for flex and GPUs, burn's own
+//! operations for other backends.
 
 mod autodiff;
 #[cfg(feature = "wgpu")]
@@ -14,18 +14,18 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
 use burn::tensor::{Shape, Tensor};
 
-/// What a normalisation does.
+/// Settings of a normalisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormSpec {
     /// Added to the variance.
     pub epsilon: f64,
-    /// Cuts the output off below 0.
+    /// Whether a ReLU follows.
     pub relu: bool,
-    /// The statistics are those of the input itself, and its gradient flows through them.
+    /// Whether the statistics are those of the input itself, with gradients through them.
     pub own: bool,
 }
 
-/// Backends that normalise; the defaults are the plain reference.
+/// Backends with normalisation; the defaults are the plain reference.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -33,13 +33,13 @@ pub struct NormSpec {
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait NormBackend: Backend {
-    /// Mean and biased variance of each channel of `x [.., channels]`; not differentiated.
+    /// Returns mean and biased variance of each channel of `x [.., channels]`; not differentiable.
     fn moments(x: FloatTensor<Self>) -> (FloatTensor<Self>, FloatTensor<Self>) {
         reference_moments::<Self>(x)
     }
 
-    /// `(x - mean) / sqrt(variance + epsilon) * gain + shift`, per channel of
-    /// `x [.., channels]`, then the ReLU if `relu`.
+    /// Computes `(x - mean) / sqrt(variance + epsilon) * gain + shift` per channel of `x [.., channels]`, then the ReLU if
+    /// `relu`.
     fn normalise(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
@@ -52,9 +52,9 @@ pub trait NormBackend: Backend {
     }
 }
 
-/// The gradients of [`NormBackend::normalise`]; the default is the plain reference.
+/// Gradients of [`NormBackend::normalise`]; the default is the plain reference.
 pub trait NormGradients: NormBackend {
-    /// The gradients of `x`, `gain` and `shift` from that of the output.
+    /// Computes the gradients of `x`, `gain` and `shift` from that of the output.
     fn normalise_backward(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
@@ -68,7 +68,7 @@ pub trait NormGradients: NormBackend {
     }
 }
 
-/// `[.., channels]` as `[rows, channels]`, which is what burn's batch normalisation takes.
+/// Reshapes `[.., channels]` to `[rows, channels]`, as burn's batch normalisation expects.
 fn rows_of<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
     let shape = x.shape();
     let channels = shape.last().copied().unwrap_or(1);
@@ -78,7 +78,7 @@ fn rows_of<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
     )
 }
 
-/// The forward pass in burn's own operations.
+/// Computes the forward pass with burn's own operations.
 fn reference<B: Backend>(
     x: FloatTensor<B>,
     gain: FloatTensor<B>,
@@ -93,7 +93,7 @@ fn reference<B: Backend>(
     B::float_reshape(output, shape)
 }
 
-/// Mean and variance in burn's own operations.
+/// Computes mean and variance with burn's own operations.
 fn reference_moments<B: Backend>(x: FloatTensor<B>) -> (FloatTensor<B>, FloatTensor<B>) {
     let x = rows_of::<B>(x);
     let channels = Shape::new([x.shape()[1]]);
@@ -104,7 +104,7 @@ fn reference_moments<B: Backend>(x: FloatTensor<B>) -> (FloatTensor<B>, FloatTen
     (result.mean, result.variance)
 }
 
-/// The backward pass in burn's own operations.
+/// Computes the backward pass with burn's own operations.
 fn reference_backward<B: Backend>(
     x: FloatTensor<B>,
     gain: FloatTensor<B>,
@@ -143,7 +143,7 @@ fn reference_backward<B: Backend>(
         let x_grad = B::float_reshape(back.x_grad, shape);
         return [x_grad, back.gamma_grad, back.beta_grad];
     }
-    // With fixed statistics the input only passes through the slope.
+    // With fixed statistics, the gradient of the input is only multiplied by the slope.
     let zeros = |t: &FloatTensor<B>| B::float_zeros(t.shape(), &t.device(), t.dtype().into());
     let through = B::batch_norm(
         grad,
@@ -157,7 +157,7 @@ fn reference_backward<B: Backend>(
     [x_grad, back.gamma_grad, back.beta_grad]
 }
 
-/// Mean and biased variance `[channels]` of `x [.., channels]`; not differentiated.
+/// Returns mean and biased variance `[channels]` of `x [.., channels]`; not differentiable.
 pub fn moments<const D: usize>(x: Tensor<D>) -> (Tensor<1>, Tensor<1>) {
     let (mean, variance) = Dispatch::moments(x.into_dispatch());
     (Tensor::from_dispatch(mean), Tensor::from_dispatch(variance))

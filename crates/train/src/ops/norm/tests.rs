@@ -1,4 +1,4 @@
-//! The fast f32 path against burn's own operations in f64, values and gradients.
+//! Values and gradients of the fast f32 path against burn's own operations in f64.
 
 use super::{NormSpec, moments, normalise};
 use burn::tensor::{DType, Device, Tensor, TensorData};

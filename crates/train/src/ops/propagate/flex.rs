@@ -1,4 +1,4 @@
-//! The op on flex, image by image, each with all threads.
+//! The operation on flex, image by image, each with all threads.
 
 use super::{NEIGHBOURS, Plain, PropagateBackend, PropagateGradients};
 use burn::backend::tensor::FloatTensor;

@@ -1,5 +1,5 @@
-//! Spatial propagation (Cheng et al. 2018) as a burn extension op: a fast path for flex, burn's own operations for
-//! other backends.
+//! Spatial propagation (Cheng et al. 2018) as a burn extension operation: a fast path for flex, burn's own operations for other
+//! backends.
 
 mod autodiff;
 mod flex;
@@ -12,7 +12,7 @@ use burn::tensor::ops::PadMode;
 use burn::tensor::{Shape, Slice, Tensor};
 pub use lsdc_kernels::propagate::{NEIGHBOURS, OFFSETS};
 
-/// Backends that propagate; the defaults are the plain reference.
+/// Backends with propagation; the defaults are the plain reference.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -20,8 +20,8 @@ pub use lsdc_kernels::propagate::{NEIGHBOURS, OFFSETS};
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait PropagateBackend: Backend {
-    /// `start [n, h, w]` with `weights [n, h, w, 8]` in so many steps, after each of which the pixels of `known [n, h,
-    /// w]` above 0 have those values.
+    /// Propagates `start [n, h, w]` with `weights [n, h, w, 8]`; after each step, pixels with `known [n, h, w]` above 0 are
+    /// reset to these values.
     fn spread(
         weights: FloatTensor<Self>,
         start: FloatTensor<Self>,
@@ -32,9 +32,9 @@ pub trait PropagateBackend: Backend {
     }
 }
 
-/// The gradients of [`PropagateBackend::spread`]; the default is the plain reference.
+/// Gradients of [`PropagateBackend::spread`]; the default is the plain reference.
 pub trait PropagateGradients: PropagateBackend {
-    /// The gradients of `weights` and `start` from that of the result.
+    /// Computes the gradients of `weights` and `start` from that of the result.
     fn spread_backward(
         weights: FloatTensor<Self>,
         start: FloatTensor<Self>,
@@ -46,15 +46,15 @@ pub trait PropagateGradients: PropagateBackend {
     }
 }
 
-/// The maps of a propagation in burn's own operations.
+/// The maps of a propagation with burn's own operations.
 struct Plain<B: Backend> {
-    /// `[n, h, w]` for each neighbour.
+    /// Weight of each neighbour, `[n, h, w]`.
     weights: Vec<FloatTensor<B>>,
-    /// What they leave of 1.
+    /// Weight of the start: 1 minus the sum of the weights.
     start_weight: FloatTensor<B>,
     start: FloatTensor<B>,
     known: FloatTensor<B>,
-    /// 1 where nothing is known, else 0.
+    /// 1 at unknown pixels, otherwise 0.
     unknown: FloatTensor<B>,
 }
 
@@ -81,7 +81,7 @@ impl<B: Backend> Plain<B> {
         }
     }
 
-    /// What lies that many rows and columns from each pixel; 0 outside.
+    /// Returns the map shifted by this many rows and columns; 0 outside.
     fn shifted(map: FloatTensor<B>, (rows, columns): (isize, isize)) -> FloatTensor<B> {
         let shape = map.shape();
         let padded = B::float_pad(map, &[(0, 0), (1, 1), (1, 1)], PadMode::Constant(0.0));
@@ -92,7 +92,7 @@ impl<B: Backend> Plain<B> {
         B::float_slice(padded, &[Slice::full(), along(1, rows), along(2, columns)])
     }
 
-    /// The maps before each step, and the last.
+    /// Returns the maps before each step, and the final one.
     fn run(&self, steps: usize) -> (Vec<FloatTensor<B>>, FloatTensor<B>) {
         let mut states = Vec::with_capacity(steps);
         let mut map = self.start.clone();
@@ -141,9 +141,9 @@ impl<B: Backend> Plain<B> {
     }
 }
 
-/// Propagates `start [n, height, width]` with `weights [n, height, width, 8]` (of the neighbours in [`OFFSETS`]; what
-/// they leave of 1 is the weight of the start) in so many steps, after each of which the pixels of `known` above 0
-/// have those values. Differentiable in `weights` and `start`.
+/// Propagates `start [n, height, width]` in `steps` steps with `weights [n, height, width, 8]` of the neighbours in
+/// [`OFFSETS`]; the start has the weight 1 minus their sum. After each step, pixels with `known` above 0 are reset to these
+/// values. Differentiable in `weights` and `start`.
 pub fn propagate(
     weights: Tensor<4>,
     start: Tensor<3>,

@@ -1,4 +1,4 @@
-//! The fast f32 path against burn's own operations in f64, and these against differences.
+//! The fast f32 path against burn's own operations in f64, and gradients against differences.
 
 use super::{NEIGHBOURS, propagate};
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -9,7 +9,7 @@ fn random(count: usize, name: &str) -> Vec<f64> {
     (0..count).map(|_| f64::from(rng.normal())).collect()
 }
 
-/// Weights of which some are negative, whose absolute values have a sum below 1; a start; some known pixels.
+/// Returns weights, some of them negative, with sums of absolute values below 1; a start; some known pixels.
 fn problem(pixels: usize) -> [Vec<f64>; 3] {
     let mut weights = random(NEIGHBOURS * pixels, "weights");
     for of_pixel in weights.chunks_exact_mut(NEIGHBOURS) {
@@ -24,7 +24,7 @@ fn problem(pixels: usize) -> [Vec<f64>; 3] {
     [weights, start, known.collect()]
 }
 
-/// The result, and the gradients of its product with a random direction.
+/// Returns the result, and the gradients of its product with a random direction.
 fn run(
     [n, height, width]: [usize; 3],
     [weights, start, known]: &[Vec<f64>; 3],

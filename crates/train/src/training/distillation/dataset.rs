@@ -1,4 +1,4 @@
-//! Teacher predictions of training frames: depth at pixels without measurements.
+//! Teacher predictions for training frames: depth at pixels without measurements.
 
 use super::relative_depth::{RelativeDepths, relative_depths};
 use crate::predict::completer;
@@ -21,38 +21,38 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
-/// What is learned from a teacher.
+/// Training targets provided by a teacher.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DistillTarget {
-    /// Measured depths, and the teacher's where there are none.
+    /// Measured depths, and the teacher's at other pixels.
     #[default]
     Fill,
-    /// The teacher's depths everywhere.
+    /// The teacher's depths at all pixels.
     All,
-    /// The teacher's depths of images that have none; other frames keep their holes.
+    /// The teacher's depths for images without depths; other frames keep their holes.
     Images,
-    /// Measured depths alone: the teacher predicts no depths, and only its network is compared with.
+    /// Measured depths alone: the teacher is not run for depths; only its network is compared with.
     Measured,
 }
 
-/// A network that completes training frames.
+/// Settings of a teacher, a network that completes training frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TeacherConfig {
-    /// Its weights: a file, or a name of the program. `depth-anything` or `depth-anything:SIDE` is Depth Anything V2 Small,
-    /// which predicts relative depths of images without depths.
+    /// Weights of the teacher: a file, or a built-in name. `depth-anything` or `depth-anything:SIDE` is Depth Anything V2
+    /// Small, which predicts relative depths for images without depths.
     pub weights: PathBuf,
-    /// How it fits: what differs from the fit of its weights.
+    /// Settings that override the fit of its weights.
     pub fit: FitSettings,
-    /// The number of measured depths of a frame that it is given, drawn at random; absent: all.
+    /// Number of measured depths of a frame given to the teacher, drawn at random; all if absent.
     pub points: Option<usize>,
-    /// What is learned from it.
+    /// Training target.
     pub target: DistillTarget,
-    /// The ratio of its standard deviation to its depth at which an error counts half: one of r times that counts
-    /// 1 / (1 + r^2). Errors at measured depths count 1.
+    /// Ratio of its standard deviation to its depth at which an error counts half: with r times this ratio, the weight is 1 /
+    /// (1 + r^2). Errors at measured depths have a weight of 1.
     pub tolerance: f32,
-    /// The folder of cached predictions, for any number of runs: 4 bytes per pixel of a scaled frame. Absent: they are
+    /// Folder of cached predictions, shared by any number of runs: 4 bytes per pixel of a scaled frame. If absent, they are
     /// computed in every run.
     pub folder: Option<PathBuf>,
 }
@@ -91,10 +91,10 @@ impl TeacherConfig {
         Ok(())
     }
 
-    /// The teacher among the weights that others were made from.
+    /// Returns the teacher as a source of trained weights, for their record.
     ///
     /// # Errors
-    /// A teacher that cannot be read.
+    /// The teacher cannot be read.
     pub(crate) fn source(&self) -> Result<SourceWeights> {
         let role = "teacher";
         let Some(network) = self.monocular()? else {
@@ -108,7 +108,7 @@ impl TeacherConfig {
         })
     }
 
-    /// Depth Anything, if that is the teacher.
+    /// Returns Depth Anything as a guide, if it is the teacher.
     fn guide(&self) -> Result<Option<GuideSpec>> {
         let name = self.weights.to_str();
         let name = name.filter(|name| name.starts_with(DEPTH_ANYTHING));
@@ -116,16 +116,16 @@ impl TeacherConfig {
         Ok(guide.filter(|guide| matches!(guide, GuideSpec::DepthAnything(_))))
     }
 
-    /// The same, read from the user's data folder.
+    /// Loads Depth Anything from the user's data folder, if it is the teacher.
     fn monocular(&self) -> Result<Option<MonocularGuide>> {
         MonocularGuide::open(self.guide()?.as_ref())
     }
 
-    /// What its predictions depend on beside the frames: the weights, the fit, and the numerics of the program.
-    /// Predictions are rounded to half precision, so machines with other instruction sets share them.
+    /// Returns the inputs of its predictions apart from the frames: weights, fit, and numerics of the program. Predictions are
+    /// rounded to half precision, so machines with other instruction sets share them.
     ///
     /// # Errors
-    /// Weights that cannot be read, or a fit out of range.
+    /// The weights cannot be read, or the fit is out of range.
     pub fn identity(&self) -> Result<Value> {
         if let Some(network) = self.monocular()? {
             return Ok(json!([lsdc_weights::golden(), network.made_from()]));
@@ -142,16 +142,16 @@ impl TeacherConfig {
     }
 }
 
-/// What predicts depths.
+/// The network that predicts depths.
 enum TeacherNetwork {
-    /// A network of ours, from points.
+    /// A completer, from points.
     Completer(Box<Completer>),
     /// Depth Anything, from photographs alone.
     Monocular(MonocularGuide),
 }
 
-/// A dataset whose frames were scaled by a protocol and then seen by a teacher: each has a depth at every pixel, the
-/// measured one where there is one, and a target.
+/// A dataset with frames scaled by a protocol and completed by a teacher: each frame that the teacher completes has a depth at
+/// every pixel, the measured one if there is one, and a target.
 pub(crate) struct DistilledDataset {
     frames: Arc<dyn Dataset>,
     protocol: Protocol,
@@ -159,10 +159,10 @@ pub(crate) struct DistilledDataset {
 }
 
 impl DistilledDataset {
-    /// Lets a teacher see all frames of a dataset, when they are loaded.
+    /// Wraps a dataset; the teacher completes its frames when they are loaded.
     ///
     /// # Errors
-    /// Weights that cannot be read or used.
+    /// The weights cannot be read or used.
     pub(crate) fn new(
         frames: Arc<dyn Dataset>,
         protocol: Protocol,
@@ -208,7 +208,7 @@ impl Dataset for DistilledDataset {
 struct Teacher {
     network: TeacherNetwork,
     config: TeacherConfig,
-    /// Changes with the teacher.
+    /// Key that changes with the teacher.
     identity: String,
     cache: F16Cache,
 }
@@ -218,7 +218,7 @@ impl Teacher {
         let network = if let Some(network) = config.monocular()? {
             TeacherNetwork::Monocular(network)
         } else {
-            // Run by the threads that load frames, whatever the device of the training.
+            // Runs on the CPU, in the threads that load frames, independent of the training device.
             let weights = open_weights(Some(&config.weights))?;
             let completer = completer(&weights, &Device::flex())?;
             let fit = config.fit.over(completer.fit_config())?;
@@ -232,8 +232,8 @@ impl Teacher {
         })
     }
 
-    /// Gives a scaled frame depths at every pixel and a target, if the target needs predictions for it. `photograph` is the
-    /// image before it was scaled.
+    /// Adds depths at all pixels and a target to a scaled frame, if the training target needs predictions for it. `photograph`
+    /// is the image before scaling.
     fn distilled(&self, mut frame: Frame, photograph: &RgbImage) -> Result<Frame> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
         let count = frame.depth.count();
@@ -261,7 +261,7 @@ impl Teacher {
                 return 1.0;
             }
             let ratio = deviations[i] / (self.config.tolerance * depths[i]);
-            // Neither where there is no depth.
+            // Not finite at pixels without depth.
             if ratio.is_finite() {
                 1.0 / (1.0 + ratio * ratio)
             } else {
@@ -279,10 +279,10 @@ impl Teacher {
         Ok(frame)
     }
 
-    /// Depths and their standard deviations in metres, row by row, from the frame's points.
+    /// Returns depths and their standard deviations in metres, row by row, completed from the frame's points.
     fn completed(&self, completer: &Completer, frame: &Frame) -> Result<(Vec<f32>, Vec<f32>)> {
         let points = match self.config.points {
-            // The same in every run.
+            // The same points in every run.
             Some(count) => Pattern::Exactly(count).draw(frame, 0)?,
             None => frame.depth.clone(),
         };
@@ -295,7 +295,7 @@ impl Teacher {
         Ok((depths, deviations))
     }
 
-    /// The same with a mean of 1, from a photograph alone. Its inverse depth is what is kept.
+    /// Returns depths with a mean of 1 and their standard deviations, from a photograph alone. The inverse depth is cached.
     fn monocular(
         &self,
         network: &MonocularGuide,
@@ -324,14 +324,14 @@ impl Teacher {
         } = relative_depths(&inverse, &mut rng);
         let known = depths.iter().filter(|depth| **depth > 0.0);
         let (count, sum) = known.fold((0, 0.0), |(n, sum), &d| (n + 1, sum + f64::from(d)));
-        // Above 0 where there is nothing but sky.
+        // Positive, even if the whole image is sky.
         let mean = ((sum / f64::from(count.max(1))) as f32).max(f32::MIN_POSITIVE);
         let values = depths.iter_mut().chain(&mut deviations);
         values.for_each(|value| *value /= mean);
         Ok((depths, deviations))
     }
 
-    /// A number that changes with everything that a prediction depends on.
+    /// Returns a key that depends on everything that a prediction depends on.
     fn key(&self, frame: &Frame, points: &DepthMap) -> u64 {
         let depths = points.values().iter().flat_map(|d| d.to_le_bytes());
         let depths: Vec<u8> = depths.collect();
@@ -344,8 +344,8 @@ impl Teacher {
     }
 }
 
-/// Depths, then standard deviations. Of an image without depths, what the teacher makes of a single one in its
-/// centre, with a mean depth of 1: results do not depend on scale.
+/// Returns depths, then standard deviations. An image without depths is completed from a single point in its centre and scaled
+/// to a mean depth of 1: results do not depend on scale.
 fn compute(completer: &Completer, frame: &Frame, points: &DepthMap) -> Result<Vec<f32>> {
     let (width, height) = (points.width(), points.height());
     let without_points = points.count() == 0;
@@ -371,7 +371,7 @@ fn compute(completer: &Completer, frame: &Frame, points: &DepthMap) -> Result<Ve
     Ok(values)
 }
 
-/// An error of the teacher on a frame.
+/// Returns the error of the teacher with the name of the frame.
 fn located(id: &FrameId, e: Error) -> Error {
     let what = format!("the teacher cannot complete frame `{id}`");
     Error::new(e.cause(), what).because(e)
@@ -406,7 +406,7 @@ mod tests {
         DepthMap::new(of.depth.width(), of.depth.height(), values).unwrap()
     }
 
-    /// With a hole of every second pixel.
+    /// Returns a room without depth at every second pixel.
     fn holed() -> Frame {
         let whole = room();
         Frame {
@@ -421,7 +421,7 @@ mod tests {
         teacher.distilled(frame, &photograph).unwrap()
     }
 
-    /// Within the 11 bits of half precision.
+    /// Returns whether values agree within the 11 bits of half precision.
     fn close(a: f32, b: f32) -> bool {
         (a - b).abs() <= b.abs() / 1024.0
     }
@@ -464,7 +464,7 @@ mod tests {
         let pairs = target.depth.values().iter().zip(depth.values());
         assert!(pairs.clone().all(|(a, b)| close(*a, *b)));
         assert!(target.weights.iter().all(|w| *w > 0.0 && *w < 1.0));
-        // Points are still drawn from what was measured.
+        // Points are still drawn from the measured depths.
         assert_eq!(found.depth.values()[1], frame.depth.values()[1]);
         assert!(close(found.depth.values()[0], depth.values()[0]));
 
@@ -515,7 +515,7 @@ mod tests {
         let files = || std::fs::read_dir(folder.path()).unwrap().count();
         let first = taught(&kept, holed());
         assert_eq!(files(), 1);
-        // Neither the name of the frame nor how its answer is used matters.
+        // The key does not depend on the name of the frame or on the use of the prediction.
         let renamed = Frame {
             id: "other".into(),
             ..holed()
@@ -557,7 +557,7 @@ mod tests {
             assert_ne!(taught(config, frame).depth, first.depth, "{count}");
             assert_eq!(files(), count + 2);
         }
-        // Read, not computed.
+        // Read from the cache.
         assert_eq!(taught(&kept, holed()).target, first.target);
         assert_eq!(files(), 6);
     }

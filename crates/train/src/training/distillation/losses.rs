@@ -1,4 +1,4 @@
-//! What a network learns of another one beside depths: its affinities, and the space that its basis functions span.
+//! Distillation losses apart from depths: affinities, and the span of basis functions.
 
 use crate::model::{BasisNet, HiddenBases, every};
 use crate::ops::Factored;
@@ -7,22 +7,22 @@ use crate::training::LossConfig;
 use burn::tensor::Tensor;
 use lsdc_core::fit::Solver;
 
-/// Pixels of an image at which basis functions are compared, at most about: neighbours add little.
+/// Approximate limit of pixels of an image at which basis functions are compared: neighbours add little information.
 const PIXELS: usize = 4096;
 /// The ridge of the regression, relative to the mean square of the student's functions.
 const RIDGE: f64 = 1e-4;
 
-/// The outputs of a teacher's network for a batch, as far as losses compare with them.
+/// The outputs of a teacher's network for a batch that losses compare with.
 #[derive(Clone, Debug)]
 pub struct TeacherOutput {
-    /// Basis functions at every n-th of the pixels of the batch, `[images, pixels, N + 1]`, and n.
+    /// Basis functions at every n-th pixel of the batch, `[images, pixels, N + 1]`, and n.
     functions: Option<(Tensor<3>, usize)>,
-    /// `[images, height, width, 2]`.
+    /// Affinities `[images, height, width, 2]`.
     affinities: Option<Tensor<4>>,
 }
 
 impl TeacherOutput {
-    /// Runs a network that is not on an autodiff device for a batch that is on the autodiff device of the same.
+    /// Runs a network for a batch that is on the autodiff version of the network's device.
     pub(crate) fn new(net: &BasisNet, batch: &Batch, config: &LossConfig) -> Self {
         let images = batch.images.clone().inner();
         let encoded = batch.encoded.clone().map(Tensor::inner);
@@ -43,14 +43,14 @@ impl TeacherOutput {
         }
     }
 
-    /// What is added to the loss for affinities `[images, height, width, 2]`.
+    /// Returns the weighted loss of affinities `[images, height, width, 2]`.
     pub(crate) fn affinity_loss(&self, own: &Tensor<4>, config: &LossConfig) -> Option<Tensor<1>> {
         let teacher = self.affinities.clone()?;
         Some(log_ratio_square(own.clone(), teacher) * config.teacher_affinities)
     }
 
-    /// What is added to the loss for the basis functions at all pixels of the batch, whose depths are `[images,
-    /// pixels]`; those without one do not count.
+    /// Returns the weighted loss of the basis functions at all pixels of the batch. `depths [images, pixels]` are 0 at pixels
+    /// to ignore.
     pub(crate) fn span_loss(
         &self,
         own: &HiddenBases,
@@ -64,11 +64,11 @@ impl TeacherOutput {
     }
 }
 
-/// The mean over pairs of neighbours of `ln(a / b)^2` for affinities a and b `[images, height, width, 2]`.
+/// Returns the mean over pairs of neighbours of `ln(a / b)^2` for affinities a and b `[images, height, width, 2]`.
 fn log_ratio_square(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
     let [images, height, width, _] = a.dims();
     let squares = (a.log() - b.log()).square();
-    // What a pixel at the border has beyond it does not count.
+    // Affinities beyond the border are excluded.
     let right = squares
         .clone()
         .slice([0..images, 0..height, 0..width - 1, 0..1]);
@@ -77,18 +77,18 @@ fn log_ratio_square(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
     (right.sum() + down.sum()) / pairs.max(1) as f64
 }
 
-/// How little functions S `[images, pixels, k]` can represent functions T `[images, pixels, n]` at pixels `[images,
-/// pixels]` that are valid (1) or not (0): the mean over images and j of
+/// Returns the residual of representing functions T `[images, pixels, n]` by functions S `[images, pixels, k]`, at pixels
+/// `[images, pixels]` that are valid (1) or not (0): the mean over images and j of
 ///
 /// > min over w of (|S w - T_j|^2 + r |w|^2) / |T_j|^2,
 ///
-/// r being [`RIDGE`] times the mean of `|S_i|^2`. From 0, if S spans T, to 1, whatever the scales of the functions of T.
-/// Differentiable in S.
+/// where r is [`RIDGE`] times the mean of `|S_i|^2`. From 0, if S spans T, to 1, independent of the scales of the functions of
+/// T. Differentiable in S.
 fn span_residual(own: Tensor<3>, teacher: Tensor<3>, valid: Tensor<2>) -> Tensor<1> {
     let [images, pixels, count] = own.dims();
     let rows = valid.clone().reshape([images, pixels, 1]);
     let (own, teacher) = (own * rows.clone(), teacher * rows);
-    // The minimum does not change with the weights at which it is taken, which therefore are constants.
+    // At the minimum the derivative by the weights is 0, so they are treated as constants.
     let fixed = own.clone().detach();
     let factor = Factored::new(
         fixed.clone(),
@@ -102,7 +102,7 @@ fn span_residual(own: Tensor<3>, teacher: Tensor<3>, valid: Tensor<2>) -> Tensor
     let residual = own.clone().matmul(weights.clone()) - teacher.clone();
     let ridge = own.square().sum_dim(2).sum_dim(1) * (RIDGE / count as f64);
     let left = residual.square().sum_dim(1) + weights.square().sum_dim(1) * ridge;
-    // Functions that are 0 everywhere have nothing left.
+    // Functions that are 0 everywhere have a residual of 0.
     let all = teacher.square().sum_dim(1).clamp_min(1e-12);
     (left / all).mean()
 }
@@ -127,7 +127,7 @@ mod tests {
         value.into_scalar::<f64>()
     }
 
-    /// A gradient against central differences.
+    /// Checks a gradient against central differences.
     fn check(values: &[f64], loss: impl Fn(&[f64]) -> (f64, Vec<f64>)) {
         let (_, gradient) = loss(values);
         assert!(gradient.iter().any(|g| g.abs() > 1e-3));
@@ -149,8 +149,8 @@ mod tests {
     #[test]
     fn what_is_not_spanned_is_what_a_projection_leaves() {
         let device = Device::flex();
-        // Two pixels, on which one function is (0, 2), and three others are (4, 0), which is orthogonal to it, one at 60
-        // degrees, and (0, 5).
+        // Two pixels with one function (0, 2), and three others: (4, 0), which is orthogonal to it, one at 60 degrees, and (0,
+        // 5).
         let own = tensor(&[0.0, 2.0], [1, 2, 1], &device);
         let sine = 0.75_f64.sqrt();
         let teacher = tensor(&[4.0, 3.0 * sine, 0.0, 0.0, 1.5, 5.0], [1, 2, 3], &device);
@@ -160,7 +160,7 @@ mod tests {
         let expected = (1.0 + (1.0 - 0.25 * kept) + (1.0 - kept)) / 3.0;
         let found = scalar(span_residual(own.clone(), teacher.clone(), valid));
         assert!((found - expected).abs() < 1e-9, "{found} {expected}");
-        // Pixels that are not valid do not count: without the second, nothing is represented but what is 0.
+        // Invalid pixels do not count: without the second pixel, only the zero function is represented.
         let first = tensor(&[1.0, 0.0], [1, 2], &device);
         let found = scalar(span_residual(own, teacher, first));
         assert!((found - 2.0 / 3.0).abs() < 1e-9, "{found}");

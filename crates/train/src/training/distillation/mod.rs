@@ -1,6 +1,7 @@
-//! Distillation: what a network learns from a trained one, its teacher.
+//! Distillation: training a network with the outputs of a trained one, its teacher.
 //!
-//! [`dataset`] gives training frames the teacher's depths, those of photographs by [`relative_depth`]; [`losses`] compare with what its network finds beside depths.
+//! [`dataset`] adds the teacher's depths to training frames, using [`relative_depth`] for photographs; [`losses`] compare other
+//! outputs of its network.
 
 mod dataset;
 mod losses;

@@ -1,11 +1,11 @@
-//! Depths of a photograph from its relative inverse depth, whose scale and shift are unknown.
+//! Depths of a photograph from its relative inverse depth, with unknown scale and shift.
 
 use lsdc_rng::Rng;
 
-/// Depths up to scale, and their standard deviations.
+/// Depths up to scale, with their standard deviations.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct RelativeDepths {
-    /// 0 where the photograph shows sky.
+    /// Depths; 0 in the sky.
     pub depths: Vec<f32>,
     pub deviations: Vec<f32>,
 }
@@ -19,24 +19,24 @@ impl RelativeDepths {
     }
 }
 
-/// The share of the nearest inverse depths, which 95 % are below, below which an image shows sky.
+/// Largest inverse depth of sky, relative to the nearest (their 95th percentile).
 const SKY: f32 = 0.01;
-/// An image shows sky if so much of it does.
+/// Smallest share of sky pixels of an image with sky.
 const SKY_AREA: f32 = 0.02;
-/// The shift of images with sky, as a share of the nearest inverse depths: the median of 74 laser scans outdoors.
+/// Shift of images with sky, relative to the nearest inverse depths: the median of 74 outdoor laser scans.
 const SHIFT_OUTDOORS: f32 = 0.035;
-/// The shifts of other images: nine of ten of 31 rooms of NYU have at least 0.2, half of them 0.43. What lies between
-/// rooms and streets is not known, so that each image is given one of these, log-uniformly.
+/// Range of the shifts of other images: nine of ten of 31 rooms of NYU have at least 0.2, half of them 0.43. The shifts between
+/// rooms and streets are unknown, so each image gets a random one, log-uniformly.
 const SHIFTS: [f32; 2] = [0.05, 0.6];
-/// The standard deviation of inverse depths, as a share of the nearest.
+/// Standard deviation of inverse depths, relative to the nearest.
 const DEVIATION: f32 = 0.02;
 
-/// Depths 1 / (inverse + shift), in units of the nearest: Depth Anything V2 was trained with a loss that does not depend on
-/// the shift of inverse depth, but puts what is infinitely far at 0 (Yang et al. 2024).
+/// Returns depths 1 / (inverse + shift), in units of the nearest. Depth Anything V2 was trained with a loss that does not
+/// depend on the shift of inverse depth, but with infinity at 0 (Yang et al. 2024).
 pub(super) fn relative_depths(inverse: &[f32], rng: &mut Rng) -> RelativeDepths {
     let mut sorted = inverse.to_vec();
     sorted.sort_unstable_by(f32::total_cmp);
-    // Of what is not infinitely far: there may be little below a wide sky.
+    // Excludes points at infinity: there may be little below a wide sky.
     let finite = sorted.partition_point(|value| *value <= 0.0);
     let nearest = sorted.get(finite + (sorted.len() - finite) * 95 / 100);
     let Some(&nearest) = nearest else {
@@ -106,7 +106,7 @@ mod tests {
             assert!(found.depths.iter().all(|depth| *depth > 0.0));
             found.depths[0] / found.depths[95]
         };
-        // 1 / 96 of the nearest and all of it, with the largest and the least shift.
+        // Ratios between 1 / 96 of the nearest and the nearest, for the largest and the smallest shift.
         let bounds = [0.6, 0.05].map(|shift: f32| (1.0 + shift) / (1.0 / 96.0 + shift));
         let ratios: Vec<f32> = (0..50).map(ratio).collect();
         assert!(ratios.iter().all(|r| (bounds[0]..=bounds[1]).contains(r)));

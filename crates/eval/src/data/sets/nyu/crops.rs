@@ -1,5 +1,5 @@
-//! The pair of files of Conti et al. (sparsity-agnostic depth completion, WACV 2023): the 654 test
-//! crops of 228x304 with their depths, and the same 500 points for everybody.
+//! The pair of files of Conti et al. (sparsity-agnostic depth completion, WACV 2023): the 654 test crops of 228x304 with their
+//! depths, and 500 fixed points for each.
 
 use crate::data::{Dataset, DepthMap, Frame, FrameId};
 use image::RgbImage;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 const CROPS: &str = "nyu_img_gt.h5";
 const HINTS: &str = "nyu_pred_with_500.h5";
 
-/// An array of all frames: its name and the size of one.
+/// An array of all frames: its name and the shape of one frame.
 #[derive(Clone, Debug)]
 struct ArrayInfo {
     name: String,
@@ -29,7 +29,7 @@ pub(super) struct Crops {
 }
 
 impl Crops {
-    /// The folder of the pair, if it lies at `root`.
+    /// Returns the folder of the pair of files, if `root` is or contains it.
     pub(super) fn folder_of(root: &Path) -> Option<PathBuf> {
         let folder = if root.ends_with(CROPS) {
             root.parent()?.to_owned()
@@ -39,7 +39,7 @@ impl Crops {
         folder.join(CROPS).is_file().then_some(folder)
     }
 
-    /// Opens the crops and, if they lie beside them, the points.
+    /// Opens the crops, and the points if they are in the same folder.
     pub(super) fn open(folder: &Path) -> Result<Self> {
         let path = folder.join(CROPS);
         let file = Hdf5::open(&path)?;
@@ -77,7 +77,7 @@ impl Crops {
     }
 }
 
-/// The first array that goes by one of the names.
+/// Returns the first array with one of the names.
 fn array(file: &Hdf5, path: &Path, names: &[&str]) -> Result<ArrayInfo> {
     let found = file.names()?;
     let Some(name) = names.iter().find(|name| found.iter().any(|f| f == *name)) else {

@@ -1,4 +1,4 @@
-//! `nyu_depth_v2_labeled.mat`: MATLAB v7.3, which is HDF5 behind a user block. MATLAB stores
+//! `nyu_depth_v2_labeled.mat`: MATLAB v7.3, which is HDF5 after a user block. MATLAB stores
 //! columns first, so that an image is `[3, width, height]`.
 
 use super::{Depths, official};
@@ -13,7 +13,7 @@ const SCENES: &str = "scenes";
 /// The labelled frames, read one at a time.
 pub(super) struct Labelled {
     file: Hdf5,
-    /// Row in the file, and name.
+    /// Row in the file and name of each frame.
     frames: Vec<(usize, FrameId)>,
     depths: Depths,
     width: usize,
@@ -22,8 +22,7 @@ pub(super) struct Labelled {
 }
 
 impl Labelled {
-    /// Opens the file. The official lists apply to its 1449 frames; a file with fewer holds frames
-    /// to measure on only.
+    /// Opens the file. The official lists apply to its 1449 frames; a file with fewer contains only validation frames.
     pub(super) fn open(path: &Path, split: Split, depths: Depths) -> Result<Self> {
         let file = Hdf5::open(path)?;
         let [rows, 3, width, height] = file.shape(COLOURS)?[..] else {

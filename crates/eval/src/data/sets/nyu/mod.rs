@@ -1,8 +1,7 @@
-//! NYU Depth v2 (Silberman, Hoiem, Kohli, Fergus 2012), in each of the forms in which it goes
-//! round. What lies at the given place decides which one it is.
+//! NYU Depth v2 (Silberman, Hoiem, Kohli, Fergus 2012) in its published forms. The files at the given path determine the form.
 //!
-//! Frames of the official test split have the same name in every form, their official number, so
-//! that they get the same sparse points.
+//! Frames of the official test split have the same name, their official number, in every form. Hence they get the same sparse
+//! points.
 
 mod crops;
 mod labelled;
@@ -18,15 +17,15 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Which depths of `nyu_depth_v2_labeled.mat` are meant.
+/// Kind of depths in `nyu_depth_v2_labeled.mat`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Depths {
-    /// With the sensor's holes filled by colorisation: what the field measures on. A network
-    /// with an RMSE of 0.09 m on these has 0.46 m on raw ones (NLSPN, issue 40).
+    /// Holes of the sensor filled by colorisation: the convention for evaluation. A network with an RMSE of 0.09 m on these has
+    /// 0.46 m on raw ones (NLSPN, issue 40).
     #[default]
     Filled,
-    /// As the sensor gave them, projected to the colour image.
+    /// Raw depths of the sensor, projected to the colour image.
     Raw,
 }
 
@@ -34,16 +33,16 @@ pub enum Depths {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NyuConfig {
-    /// Which depths of `nyu_depth_v2_labeled.mat` are meant; other forms hold only one.
+    /// Which depths of `nyu_depth_v2_labeled.mat` to read; other forms have only one kind.
     pub depths: Depths,
 }
 
-/// A tree of files, one or two a frame.
+/// A tree of files, one or two per frame.
 struct Tree {
     about: &'static str,
     rgb: &'static str,
     depth: &'static str,
-    /// What to add to a frame's number for its official number.
+    /// Offset from a frame's number to its official number.
     official_offset: usize,
 }
 
@@ -86,7 +85,7 @@ const TREES: [Tree; 6] = [
     },
 ];
 
-/// Opens the dataset in whatever form lies at `root`: a folder, or the `.mat` or `.h5` file itself.
+/// Opens the dataset in the form found at `root`: a folder, or the `.mat` or `.h5` file itself.
 ///
 /// # Errors
 /// None of the known forms, or a damaged file.
@@ -124,8 +123,8 @@ pub(in crate::data) fn nyu(
     Err(unknown_layout(root, split))
 }
 
-/// Gives the frames of the official test split their official names. Where two scenes have a frame of
-/// that number, it is not the official one, and names tell them apart.
+/// Renames the frames of the official test split to their official numbers. A number that occurs in two scenes is not the
+/// official one, and those frames keep their names.
 fn use_official_names(frames: &mut [FrameFiles], tree: &Tree, split: Split) {
     let official = |files: &FrameFiles| {
         let number: usize = files.id.rsplit('/').next()?.parse().ok()?;
@@ -144,7 +143,7 @@ fn use_official_names(frames: &mut [FrameFiles], tree: &Tree, split: Split) {
     }
 }
 
-/// The file itself, or the only one with this ending in the folder.
+/// Returns the file itself, or the only file with this extension in the folder.
 fn only_file(root: &Path, ending: &str) -> Result<Option<std::path::PathBuf>> {
     if root.is_file() {
         return Ok(has_ending(root, ending).then(|| root.to_owned()));

@@ -3,7 +3,7 @@
 
 use std::sync::LazyLock;
 
-/// Labelled frames in all.
+/// Number of labelled frames.
 pub(super) const FRAMES: usize = 1449;
 
 static TEST: LazyLock<Vec<usize>> = LazyLock::new(|| {
@@ -13,12 +13,12 @@ static TEST: LazyLock<Vec<usize>> = LazyLock::new(|| {
         .collect()
 });
 
-/// Whether the labelled frame of this number belongs to the test split.
+/// Returns whether the labelled frame with this number belongs to the test split.
 pub(super) fn is_test(number: usize) -> bool {
     TEST.binary_search(&number).is_ok()
 }
 
-/// The name of a labelled frame, as in `val/official` of the sparse-to-dense tree.
+/// Returns the name of a labelled frame, as in `val/official` of the sparse-to-dense tree.
 pub(super) fn name(number: usize) -> String {
     format!("{number:05}")
 }

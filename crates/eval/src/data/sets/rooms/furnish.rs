@@ -4,17 +4,17 @@ use super::geometry::{Shape, Vec3, vec3};
 use super::paint::Paint;
 use lsdc_rng::Rng;
 
-/// A body in the room, turned about the vertical axis.
+/// An object in the room, rotated about the vertical axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Body {
     pub(super) shape: Shape,
     pub(super) centre: Vec3,
-    /// Sine and cosine of the turn.
+    /// Sine and cosine of the rotation angle.
     pub(super) turn: (f32, f32),
     pub(super) paint: Paint,
 }
 
-/// A small lamp that shines in all directions.
+/// A point light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
     pub(super) position: Vec3,
@@ -25,14 +25,13 @@ pub(super) struct Lamp {
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     pub(super) half: Vec3,
-    /// Floor, ceiling, side walls, end walls.
+    /// Floor, ceiling, side walls and end walls.
     pub(super) surfaces: [Paint; 4],
     pub(super) bodies: Vec<Body>,
     pub(super) lamps: Vec<Lamp>,
     pub(super) ambient: f32,
 }
 
-/// Builds a room.
 pub(super) fn furnish(rng: &mut Rng) -> Room {
     let half = vec3(
         rng.range(1.5, 3.5),
@@ -92,7 +91,7 @@ pub(super) fn furnish(rng: &mut Rng) -> Room {
     room
 }
 
-/// Puts bodies relative to a spot on the floor and a turn.
+/// Placement of objects relative to a position on the floor and a rotation.
 struct Placer<'a> {
     room: &'a mut Room,
     spot: Vec3,
@@ -142,7 +141,7 @@ impl Placer<'_> {
         self.legs(vec3(w / 2.0 - 0.02, h / 2.0, w / 2.0 - 0.02), 0.015, paint);
     }
 
-    /// Four legs, the centre of one of which is at `at`.
+    /// Adds four legs, symmetric about the vertical axis, one of them with its centre at `at`.
     fn legs(&mut self, at: Vec3, radius: f32, paint: Paint) {
         for (sx, sz) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
             let centre = vec3(sx * at.x, at.y, sz * at.z);
@@ -201,7 +200,7 @@ impl Placer<'_> {
         }
     }
 
-    /// A box, ball, can or bottle standing at a place.
+    /// Adds a box, ball, can or bottle at a position.
     fn object(&mut self, at: Vec3, rng: &mut Rng) {
         let paint = Paint::random(rng);
         let size = rng.range(0.04, 0.16);
@@ -225,7 +224,7 @@ impl Placer<'_> {
     }
 }
 
-/// Boards along a side wall or the end wall, full of books and things.
+/// Adds shelves along a side wall or the end wall, filled with books and small objects.
 fn shelf(room: &mut Room, rng: &mut Rng) {
     let paint = Paint::random(rng);
     let (w, d) = (rng.range(0.6, 1.4), rng.range(0.22, 0.35));
@@ -269,7 +268,7 @@ fn shelf(room: &mut Room, rng: &mut Rng) {
     }
 }
 
-/// A flat picture or window on the end wall.
+/// Adds a flat picture or window to the end wall.
 fn picture(room: &mut Room, rng: &mut Rng) {
     let size = vec3(rng.range(0.3, 1.2), rng.range(0.3, 0.9), 0.03) * 0.5;
     let centre = vec3(

@@ -1,4 +1,4 @@
-//! Vectors, and rays against boxes, spheres and upright cylinders.
+//! Vectors, and intersections of rays with boxes, spheres and upright cylinders.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -35,7 +35,7 @@ impl Vec3 {
         self * (1.0 / self.length())
     }
 
-    /// Turned about the vertical axis by an angle given as (sin, cos).
+    /// Rotates the vector about the vertical axis by an angle given as (sin, cos).
     pub(super) fn turn(self, (sin, cos): (f32, f32)) -> Self {
         vec3(
             cos * self.x + sin * self.z,
@@ -77,7 +77,7 @@ impl Neg for Vec3 {
     }
 }
 
-/// The form of a body around its own centre.
+/// The shape of an object around its own centre.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Shape {
     /// Half extents.
@@ -88,20 +88,20 @@ pub(super) enum Shape {
     Column(f32, f32),
 }
 
-/// Where a ray meets a surface.
+/// The intersection of a ray and a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
-    /// Distance in ray lengths.
+    /// Distance in multiples of the length of the ray vector.
     pub(super) t: f32,
-    /// Unit normal towards the ray's origin.
+    /// Unit normal facing the origin of the ray.
     pub(super) normal: Vec3,
 }
 
-/// Hits closer than this are the surface the ray starts on.
+/// Smallest distance of a hit, so that a ray does not hit the surface that it starts on.
 const MIN_DISTANCE: f32 = 1e-3;
 
 impl Shape {
-    /// The radius of a ball around the centre that holds the body.
+    /// Returns the radius of the bounding sphere around the centre.
     pub(super) fn bounding_radius(self) -> f32 {
         match self {
             Self::Block(half) => half.length(),
@@ -110,7 +110,7 @@ impl Shape {
         }
     }
 
-    /// The nearest hit of a ray in the body's own frame, from outside or inside.
+    /// Returns the nearest hit of a ray in the frame of the object, from outside or inside.
     pub(super) fn hit(self, origin: Vec3, ray: Vec3) -> Option<Hit> {
         match self {
             Self::Block(half) => block(half, origin, ray),
@@ -138,7 +138,7 @@ fn facing(t: f32, normal: Vec3, ray: Vec3) -> Hit {
     Hit { t, normal }
 }
 
-/// Slab test (Kay and Kajiya 1986).
+/// Intersects a ray with a box (slab method, Kay and Kajiya 1986).
 fn block(half: Vec3, origin: Vec3, ray: Vec3) -> Option<Hit> {
     let (mut enter, mut leave) = (f32::NEG_INFINITY, f32::INFINITY);
     let (mut first, mut last) = (0, 0);
@@ -187,7 +187,7 @@ fn column(radius: f32, half: f32, origin: Vec3, ray: Vec3) -> Option<Hit> {
     side.chain(caps).min_by(|a, b| a.t.total_cmp(&b.t))
 }
 
-/// The real roots of `a t^2 + 2 b t + c`, in rising order; none for a degenerate `a`.
+/// Returns the real roots of `a t^2 + 2 b t + c` in ascending order; none unless `a` is positive.
 fn quadratic(a: f32, b: f32, c: f32) -> Vec<f32> {
     let discriminant = b * b - a * c;
     if a <= 0.0 || discriminant < 0.0 {

@@ -13,15 +13,15 @@ use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
-/// How many rooms, and how they are seen.
+/// Number and size of procedural frames.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RoomsConfig {
-    /// Names the rooms; another seed gives other rooms.
+    /// Seed of the rooms.
     pub seed: u64,
-    /// Frames of the training split.
+    /// Number of training frames.
     pub train: usize,
-    /// Frames of the validation split.
+    /// Number of validation frames.
     pub val: usize,
     /// Image columns.
     pub width: usize,
@@ -49,7 +49,7 @@ pub struct Rooms {
 }
 
 impl Rooms {
-    /// The rooms of a split.
+    /// Creates the rooms of a split.
     ///
     /// # Errors
     /// No rooms, or images outside 16 to 8192 pixels.
@@ -76,7 +76,7 @@ fn check_size(width: usize, height: usize) -> Result<()> {
     ))
 }
 
-/// The random stream of a room, from which it is furnished.
+/// Returns the random stream that furnishes a room.
 fn stream(seed: u64, id: &str) -> Rng {
     Rng::stream(seed, &["room", id])
 }

@@ -4,7 +4,7 @@ use self::Texture::{Plain, Plaster, Stripes, Tiles, Wood};
 use super::geometry::Vec3;
 use lsdc_rng::Rng;
 
-/// How a surface is coloured.
+/// The colour and texture of a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Paint {
     base: [f32; 3],
@@ -24,17 +24,17 @@ enum Texture {
 }
 
 impl Paint {
-    /// A random paint; muted colours are common, strong ones rare, as indoors.
+    /// Returns a random paint for objects; muted colours are common, saturated ones rare.
     pub(super) fn random(rng: &mut Rng) -> Self {
         Self::of(&[Plain, Plain, Wood, Tiles, Stripes, Plaster], rng)
     }
 
-    /// A paint for walls and ceilings.
+    /// Returns a random paint for walls and ceilings.
     pub(super) fn wall(rng: &mut Rng) -> Self {
         Self::of(&[Plain, Plaster, Plaster, Stripes], rng)
     }
 
-    /// A paint for floors.
+    /// Returns a random paint for floors.
     pub(super) fn floor(rng: &mut Rng) -> Self {
         Self::of(&[Wood, Wood, Tiles, Plaster], rng)
     }
@@ -57,7 +57,7 @@ impl Paint {
         }
     }
 
-    /// The colour (linear, 0 to 1) at a point of the body's own frame.
+    /// Returns the colour (linear, 0 to 1) at a point in the frame of the object.
     pub(super) fn colour(&self, p: Vec3) -> [f32; 3] {
         let q = p * self.scale;
         let grain = noise(q * 8.0, self.seed) - 0.5;
@@ -78,7 +78,7 @@ impl Paint {
     }
 }
 
-/// Value noise in `[0, 1]` with a smooth step between lattice points.
+/// Returns value noise in `[0, 1]` with a smooth step between lattice points.
 fn noise(p: Vec3, seed: u32) -> f32 {
     let cell = [p.x.floor(), p.y.floor(), p.z.floor()];
     let smooth = |t: f32| t * t * (3.0 - 2.0 * t);
@@ -105,7 +105,7 @@ fn noise(p: Vec3, seed: u32) -> f32 {
     total
 }
 
-/// A number in `[0, 1]` for a lattice point (mixing steps of MurmurHash3).
+/// Returns a pseudorandom number in `[0, 1]` for a lattice point (mixing steps of MurmurHash3).
 fn lattice(x: u32, y: u32, z: u32, seed: u32) -> f32 {
     let mut h = seed;
     for v in [x, y, z] {

@@ -11,20 +11,20 @@ use lsdc_rng::Rng;
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 
-/// Paths that are drawn until one is clear of all bodies.
+/// Limit of random paths tried until one is clear of all objects.
 const TRIES: usize = 200;
-/// Places of a path at which it is checked.
+/// Number of positions of a path tested for collisions.
 const CHECKED: usize = 32;
-/// Distance that the camera keeps from walls, in metres.
+/// Smallest distance of the camera from walls, in metres.
 const MARGIN: f32 = 0.25;
 
-/// A procedural room, seen by a camera that moves through it. The path is a line of about a metre, walked from its first
-/// to its last frame; the camera looks at the other end of the room, sways, and turns to the side.
+/// A procedural room seen by a moving camera. The path is a line of about a metre from the first to the last frame; the camera
+/// looks at the other end of the room, sways, and turns to the side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoomPath {
-    /// Names the rooms.
+    /// Seed of the rooms.
     pub seed: u64,
-    /// The room: that of the frame with this index in the validation split of [`Rooms`](crate::data::Rooms).
+    /// Index of the room: that of the frame with this index in the validation split of [`Rooms`](crate::data::Rooms).
     pub room: usize,
     /// Number of frames, at least 2. More frames are closer together on the same path.
     pub frames: usize,
@@ -32,9 +32,9 @@ pub struct RoomPath {
     pub width: usize,
     /// Image rows.
     pub height: usize,
-    /// Whether the camera stands still, in the middle of its path: frames differ by sensor noise alone.
+    /// Whether the camera stands still in the middle of its path, so that frames differ only by sensor noise.
     pub still: bool,
-    /// Whether a column as large as a person moves across the view.
+    /// Whether a cylinder as large as a person moves across the view.
     pub moving_object: bool,
 }
 
@@ -53,7 +53,7 @@ impl Default for RoomPath {
 }
 
 impl RoomPath {
-    /// Renders the frames; the same on every machine, whatever the number of threads.
+    /// Renders the frames; the result is the same on every machine and for every number of threads.
     ///
     /// # Errors
     /// Fewer than two frames, images outside 16 to 8192 pixels, or a room without space for a path.
@@ -88,7 +88,7 @@ impl RoomPath {
     }
 }
 
-/// A line that a camera moves along.
+/// The line of a camera path.
 struct Path {
     start: Vec3,
     end: Vec3,
@@ -96,7 +96,7 @@ struct Path {
 }
 
 impl Path {
-    /// A path that keeps clear of all bodies; `None` if none was found.
+    /// Returns a random path that is clear of all objects; `None` if none was found.
     fn clear(room: &Room, rng: &mut Rng) -> Option<Self> {
         let mut paths = (0..TRIES).map(|_| Self::random(room, rng));
         paths.find(|path| {
@@ -105,14 +105,14 @@ impl Path {
         })
     }
 
-    /// From near one end of the room, at eye height, sideways and forwards.
+    /// Returns a random path that starts near one end of the room at eye height and goes sideways and forwards.
     fn random(room: &Room, rng: &mut Rng) -> Self {
         let half = room.half;
         let inside = |v: f32, half: f32| v.clamp(MARGIN - half, half - MARGIN);
         let x = rng.range(-0.6, 0.6) * half.x;
         let y = inside(rng.range(0.9, 2.2) - half.y, half.y);
         let z = rng.range(-0.95, -0.5) * half.z;
-        // To the side where there is more space.
+        // Towards the side with more space.
         let sideways = rng.range(0.6, 1.2) * if x > 0.0 { -1.0 } else { 1.0 };
         let forwards = rng.range(0.1, 0.7);
         let target = vec3(
@@ -131,7 +131,7 @@ impl Path {
         }
     }
 
-    /// The place after a share of the path, which sways as a hand does.
+    /// Returns the position at a fraction of the path, with the sway of a hand-held camera.
     fn place(&self, share: f32) -> Vec3 {
         let place = self.start + (self.end - self.start) * share;
         place + vec3(0.0, 0.04 * (2.0 * TAU * share).sin(), 0.0)
@@ -145,7 +145,7 @@ impl Path {
     }
 }
 
-/// A column as large as a person that crosses the room.
+/// A cylinder as large as a person that crosses the room.
 struct Walker {
     from: Vec3,
     to: Vec3,
@@ -200,7 +200,7 @@ mod tests {
         depths.map(|posed| posed.frame.depth.clone()).collect()
     }
 
-    /// Points of the floor, seen from all frames, lie in one horizontal plane: the lowest of the room.
+    /// Points of the floor, seen from all frames, lie in one horizontal plane, the lowest of the room.
     #[test]
     fn poses_and_depths_agree_in_the_world() {
         for room in 0..4 {

@@ -8,7 +8,7 @@ use lsdc_core::Camera;
 use lsdc_files::error::Result;
 use lsdc_rng::Rng;
 
-/// Focal length of NYU's camera over its image width (518.86 / 640).
+/// Focal length of NYU's camera divided by its image width (518.86 / 640).
 const FOCAL: f32 = 0.81;
 
 /// A pinhole camera inside the room.
@@ -21,7 +21,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// At a position, turned to the right by `yaw` and up by `pitch`, in radians.
+    /// Creates a camera at a position, turned to the right by `yaw` and up by `pitch`, in radians.
     pub(super) fn new(position: Vec3, yaw: f32, pitch: f32) -> Self {
         let ahead = vec3(
             yaw.sin() * pitch.cos(),
@@ -37,7 +37,7 @@ impl View {
         }
     }
 
-    /// Near one end of the room, at eye height, looking down its length.
+    /// Returns a random camera near one end of the room, at eye height, looking along the room.
     pub(super) fn random(room: &Room, rng: &mut Rng) -> Self {
         let half = room.half;
         let position = vec3(
@@ -49,7 +49,8 @@ impl View {
         Self::new(clear_of_bodies(room, position), yaw, pitch)
     }
 
-    /// The calibrated camera of an image of this size. Its world has the axes of cameras: y is down, not up as in the room.
+    /// Returns the calibrated camera for an image of this size. Its world has the axes of cameras: y points down, not up as in
+    /// the room.
     pub(super) fn calibrated(&self, width: usize, height: usize) -> Camera {
         let flipped = |v: Vec3| [v.x, -v.y, v.z].map(f64::from);
         let rotation = [self.right, self.down, self.ahead].map(flipped);
@@ -61,23 +62,23 @@ impl View {
     }
 }
 
-/// The focal length in pixels of an image of this width.
+/// Returns the focal length in pixels for an image of this width.
 fn focal(width: usize) -> f32 {
     FOCAL * width as f32
 }
 
-/// How much light reaches the sensor.
+/// Returns a random exposure.
 pub(super) fn exposure(rng: &mut Rng) -> f32 {
     rng.range(0.8, 1.3)
 }
 
-/// Whether a place lies inside or close to a body.
+/// Returns whether a position is inside or close to an object.
 pub(super) fn is_blocked(room: &Room, place: Vec3) -> bool {
     let near = |b: &Body| (b.centre - place).length() < b.shape.bounding_radius() + 0.15;
     room.bodies.iter().any(near)
 }
 
-/// The place itself, or one higher up if it lies inside or close to a body.
+/// Moves a position up until it is clear of objects, or close to the ceiling.
 fn clear_of_bodies(room: &Room, mut position: Vec3) -> Vec3 {
     while is_blocked(room, position) && position.y < room.half.y - 0.2 {
         position.y += 0.1;
@@ -85,7 +86,7 @@ fn clear_of_bodies(room: &Room, mut position: Vec3) -> Vec3 {
     position
 }
 
-/// Colours, with sensor noise, and depths (metres along the optical axis) of a view of the room.
+/// Renders a view of the room: colours with sensor noise, and depths in metres along the optical axis.
 pub(super) fn render(
     room: &Room,
     view: &View,
@@ -100,7 +101,7 @@ pub(super) fn render(
         let v = (y as f32 + 0.5 - height as f32 / 2.0) / focal;
         for x in 0..width {
             let u = (x as f32 + 0.5 - width as f32 / 2.0) / focal;
-            // One unit along the optical axis, so that the ray parameter is the depth.
+            // Length 1 along the optical axis, so that the ray parameter is the depth.
             let ray = view.ahead + view.right * u + view.down * v;
             let surface_point = nearest(room, view.position, ray);
             depths.push(surface_point.hit.t);
@@ -120,7 +121,7 @@ pub(super) fn render(
     Ok((rgb, DepthMap::new(width, height, depths)?))
 }
 
-/// sRGB's power law, with sensor noise.
+/// Encodes a linear value with the power law of sRGB, and adds sensor noise.
 fn encode(light: f32, noise: f32) -> u8 {
     ((light.clamp(0.0, 1.0).powf(1.0 / 2.2) + noise).clamp(0.0, 1.0) * 255.0).round() as u8
 }
@@ -172,7 +173,7 @@ fn inverse((sin, cos): (f32, f32)) -> (f32, f32) {
     (-sin, cos)
 }
 
-/// The hit of a ray with a body; the ball around the body is tried first.
+/// Intersects a ray with an object; tests the bounding sphere first.
 fn hit(body: &Body, origin: Vec3, ray: Vec3) -> Option<Hit> {
     let to = body.centre - origin;
     let along = to.dot(ray) / ray.dot(ray);

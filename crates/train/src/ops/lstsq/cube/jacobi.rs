@@ -1,12 +1,11 @@
-//! One-sided Jacobi on the rows of R: singular values, right singular vectors, and the truncated
-//! solution (Hestenes 1958; round-robin order of Brent and Luk 1985).
+//! One-sided Jacobi method on the rows of R: singular values, right singular vectors, and the truncated solution (Hestenes
+//! 1958; round-robin order of Brent and Luk 1985).
 
 use super::UNITS;
 use burn_cubecl::cubecl::{self, prelude::*};
 
-/// Steps `first..last` of a sweep over `r [batch, k, k + 1]`: rotates pairs of rows until they are
-/// orthogonal, the last column with them. Batches that are `done` are left alone. `lanes` units
-/// work on a pair.
+/// Runs steps `first..last` of a sweep over `r [batch, k, k + 1]`: rotates pairs of rows, including the last column, until they
+/// are orthogonal. Batches that are `done` are skipped. `lanes` units work on a pair.
 #[cube(launch)]
 pub(super) fn rotate(r: &mut [f32], done: &[f32], k: u32, lanes: u32, first: u32, last: u32) {
     let k = k as usize;
@@ -20,7 +19,7 @@ pub(super) fn rotate(r: &mut [f32], done: &[f32], k: u32, lanes: u32, first: u32
     let slots = UNITS / lanes;
     let slot = unit / lanes;
     let lane = unit % lanes;
-    // An even number of players, one of whom may be missing.
+    // An even number of players of the round robin, one of which may be a bye.
     let players = k + k % 2;
     let rounds = (players / 2).div_ceil(slots);
     let mut shared = Shared::<[f32]>::new_slice(3 * UNITS);
@@ -90,9 +89,9 @@ pub(super) fn rotate(r: &mut [f32], done: &[f32], k: u32, lanes: u32, first: u32
     }
 }
 
-/// From orthogonal rows `s_i v_i`, with `u_i . d` as their last column: the truncated solution into
-/// `x [batch, k]` and `v_i / s_i` into the columns of `factor [batch, k, k]`, 0 where `s_i` is at most `rcond`
-/// times the largest. Batches that are `done` are left alone.
+/// Computes, from orthogonal rows `s_i v_i` with `u_i . d` as their last column, the truncated solution `x [batch, k]` and the
+/// columns `v_i / s_i` of `factor [batch, k, k]`, 0 where `s_i` is at most `rcond` times the largest. Batches that are `done`
+/// are skipped.
 #[cube(launch)]
 pub(super) fn truncate(
     r: &[f32],

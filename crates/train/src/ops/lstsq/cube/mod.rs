@@ -1,5 +1,5 @@
-//! The op on GPUs, in f32 and without leaving the device: tall-skinny QR (Demmel et al. 2012), then
-//! triangular inversion where the condition allows and one-sided Jacobi where not.
+//! The operation on GPUs, in f32 on the device: tall-skinny QR (Demmel et al. 2012), then triangular inversion if the condition
+//! number allows it, otherwise one-sided Jacobi.
 
 mod jacobi;
 mod qr;
@@ -19,14 +19,14 @@ use burn_cubecl::ops::numeric::zeros_client;
 use burn_cubecl::tensor::CubeTensor;
 use lsdc_core::fit::Solver;
 
-/// Columns that the QR works on at once.
+/// Columns that the QR processes at once.
 const COLUMNS: usize = UNITS / 2;
-/// Rows of one QR block at least; more are divided among cubes and their R's factored again.
+/// Smallest number of rows of a QR block; more rows are divided among cubes, and the resulting R factors are factored again.
 const ROWS: usize = 512;
-/// Iterations of one unit in one launch: software drivers leave longer loops early, without an
-/// error, and the watchdogs of real ones do not like them.
+/// Limit of loop iterations of a unit in one launch: software drivers terminate longer loops early without an error, and
+/// watchdogs of hardware drivers may abort them.
 const ITERATIONS: usize = 40_000;
-/// Sweeps of Jacobi: 8 suffice for 129 columns, 6 do not.
+/// Number of Jacobi sweeps: 8 suffice for 129 columns, 6 do not.
 const SWEEPS: usize = 10;
 
 type Floats = FloatTensor<CubeBackend>;
@@ -66,7 +66,7 @@ impl LstsqGradients for CubeBackend {
     }
 }
 
-/// The solution and factor of `rows [batch, n, k + 1]`: basis functions and depth, scaled.
+/// Returns the solution and factor of `rows [batch, n, k + 1]`: scaled basis functions and depth.
 fn solve(rows: Floats, solver: Solver) -> (Floats, Floats) {
     let r = triangle(rows);
     let shape = r.shape();
@@ -141,8 +141,8 @@ fn solve(rows: Floats, solver: Solver) -> (Floats, Floats) {
     (x, factor)
 }
 
-/// R and `Q^T d` `[batch, k, k + 1]` of `rows [batch, n, k + 1]`: blocks of rows first, then the
-/// R's of the blocks.
+/// Returns R and `Q^T d` `[batch, k, k + 1]` of `rows [batch, n, k + 1]`: factors blocks of rows first, then the R factors of
+/// the blocks.
 fn triangle(mut rows: Floats) -> Floats {
     loop {
         let shape = rows.shape();

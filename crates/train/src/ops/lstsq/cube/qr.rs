@@ -3,11 +3,10 @@
 use super::{COLUMNS, UNITS};
 use burn_cubecl::cubecl::{self, prelude::*};
 
-/// Factors `work [batch, rows, k + 1]` in place, columns `first..last`: reflectors below the
-/// diagonal, and R with `Q^T d` as its last column in `r [batch, k, k + 1]`, whose other rows stay
-/// as they are.
+/// Factors columns `first..last` of `work [batch, rows, k + 1]` in place: reflectors below the diagonal, and R with `Q^T d` as
+/// its last column in `r [batch, k, k + 1]`, whose other rows are unchanged.
 ///
-/// A unit owns every second row of one column at a time: 2 x [`COLUMNS`] units.
+/// A unit processes every second row of one column at a time: 2 x [`COLUMNS`] units.
 #[cube(launch)]
 pub(super) fn qr(work: &mut [f32], r: &mut [f32], rows: u32, k: u32, first: u32, last: u32) {
     let rows = rows as usize;
@@ -44,7 +43,7 @@ pub(super) fn qr(work: &mut [f32], r: &mut [f32], rows: u32, k: u32, first: u32,
         let norm = shared[0].sqrt();
         let head = work[base + j * width + j];
         sync_storage();
-        // The reflector is the column less beta e_j; beta has the sign that avoids cancellation.
+        // The reflector is the column minus beta e_j; the sign of beta avoids cancellation.
         let mut beta = norm;
         if head > 0.0f32 {
             beta = -norm;

@@ -1,10 +1,10 @@
-//! The inverse of R, and the solution where R is conditioned well enough.
+//! The inverse of R, and the solution if R is well conditioned.
 
 use super::UNITS;
 use burn_cubecl::cubecl::{self, prelude::*};
 
-/// Rows `first..last` of the inverse of the upper triangle of `r [batch, k, k + 1]`, the rows below
-/// being there already. Rows whose diagonal is 0 stay 0. A unit owns its columns.
+/// Computes rows `first..last` of the inverse of the upper triangle of `r [batch, k, k + 1]`; the rows below are already
+/// computed. Rows with a diagonal of 0 stay 0. Each unit processes its own columns.
 #[cube(launch)]
 pub(super) fn invert(r: &[f32], inverse: &mut [f32], k: u32, first: u32, last: u32) {
     let k = k as usize;
@@ -34,8 +34,8 @@ pub(super) fn invert(r: &[f32], inverse: &mut [f32], k: u32, first: u32, last: u
     }
 }
 
-/// `x = R^-1 c` into `x [batch, k]` and 1 into `done [batch]` where the Frobenius norms of R and its
-/// inverse, which bound its condition, show it to be below `limit`; 0 into `done` elsewhere.
+/// Writes `x = R^-1 c` to `x [batch, k]` and 1 to `done [batch]` if the Frobenius norms of R and its inverse, which bound its
+/// condition number, show it to be below `limit`; otherwise writes 0 to `done`.
 #[cube(launch)]
 pub(super) fn substitute(
     r: &[f32],
