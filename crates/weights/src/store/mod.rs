@@ -130,7 +130,7 @@ impl Store {
         Ok((known, added))
     }
 
-    /// Adds a depth head. If one exists and `replace` is not set, both are merged; an existing head with all tensors is kept.
+    /// Adds a depth head. Unless `replace` is set, an existing head keeps its tensors and only missing ones are added.
     fn add_head(
         &self,
         known: &KnownEncoder,
@@ -147,7 +147,9 @@ impl Store {
                 return Ok(Installation::Unchanged);
             }
         }
-        all.extend(head);
+        for (name, tensor) in head {
+            all.entry(name).or_insert(tensor);
+        }
         self.write(&path, &all, known)?;
         Ok(Installation::Head)
     }

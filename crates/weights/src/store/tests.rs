@@ -276,13 +276,20 @@ fn a_depth_head_can_be_added_to_an_installed_encoder() {
         scratch.add_with_head(&alone, false).unwrap(),
         Installation::Unchanged
     );
-    // The published tensor is added to the learned one.
-    let published = file(true, &[one, other, PUBLISHED]);
+    // The published tensor is added to the learned one, which stays.
+    let other_values: Named = (LEARNED.0, LEARNED.1, &[5.0, 6.0]);
+    let published = file(true, &[one, other, other_values, PUBLISHED]);
     assert_eq!(
         scratch.add_with_head(&published, false).unwrap(),
         Installation::Head
     );
     let all = tensors(&[one, other, LEARNED, PUBLISHED]);
+    assert_eq!(scratch.head(), all);
+    assert_eq!(
+        scratch.add_with_head(&published, true).unwrap(),
+        Installation::Head
+    );
+    let all = tensors(&[one, other, other_values, PUBLISHED]);
     assert_eq!(scratch.head(), all);
 }
 
