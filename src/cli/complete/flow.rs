@@ -45,8 +45,7 @@ pub(super) fn run<F: Sync, L: Send>(
                 match load(frame) {
                     Ok((found, loaded)) => {
                         let worker = turns.next();
-                        let sent = worker.map(|worker| worker.send((frame, found, loaded)));
-                        if !matches!(sent, Some(Ok(()))) {
+                        if worker.is_none_or(|w| w.send((frame, found, loaded)).is_err()) {
                             break;
                         }
                     }
