@@ -57,7 +57,7 @@ pub struct Report {
     /// Number of observations outside the image.
     pub outside: usize,
     /// Number of used observations without a valid standard deviation (missing, 0, negative or not finite) although other
-    /// observations have one. They are assumed to be as accurate as the model of depth.
+    /// observations have one. Their standard deviation is taken to be that of the observations about the model of depth.
     pub without_deviation: usize,
     /// Number of used observations that were smoothed before the fit: each is replaced by the value of a plane through the
     /// nearby observations that agree with it. Smoothing requires dense observations with known standard deviations.

@@ -55,7 +55,7 @@ struct Inner {
     size: (usize, usize),
     /// Interpolation of depth from the grid of the field, in a fit with a field to a larger image.
     upsampling: Option<Arc<Upsampling>>,
-    /// The last weights of [`Inner::combined`] and the resulting map.
+    /// The last weights of which `combined` computed the map, and this map.
     combined: Mutex<Option<Combined>>,
     /// The scene of the mirror image, at [`Quality::Best`].
     mirror: Option<Scene>,

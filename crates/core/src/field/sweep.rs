@@ -1,4 +1,4 @@
-//! Forward and backward substitution, for one column or a few side by side.
+//! Forward and backward substitution, for one column or a few columns at once.
 
 use super::factor::{Factor, both};
 use super::plan::{Child, FORK, Separator};
@@ -63,7 +63,7 @@ impl Factor {
         self.scatter(&swept, values);
     }
 
-    /// The values of the pixels of up to eight tiles, followed by zeros for their rings.
+    /// Returns the values of the pixels of up to eight tiles, followed by zeros for their rings.
     fn gathered<const B: usize>(
         &self,
         tiles: &[usize],
@@ -244,7 +244,7 @@ impl SymbolicFactor {
             for j in 0..step.count {
                 let column = step.column(factor, j);
                 let mut value = x[step.first + j];
-                // As of most pixels, for points that are few.
+                // True for most pixels if there are few points.
                 if value == [[0.0; B]; 8] {
                     continue;
                 }
@@ -305,7 +305,7 @@ fn subtract<const B: usize>(value: &mut Rows<B>, factor: &F64x8, other: &Rows<B>
     }
 }
 
-/// `factors' rows`, summed in lanes, which vector units can do.
+/// Computes `factors' rows`, with sums in lanes for vector units.
 #[inline(always)]
 fn products<const B: usize>(factors: &[f64], rows: &[Row<B>]) -> Row<B> {
     let mut lanes = [[0.0; B]; 8];

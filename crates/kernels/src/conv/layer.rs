@@ -219,8 +219,8 @@ pub(super) fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32
     target
 }
 
-/// Returns the weights of the adjoint convolution of `[outputs, channels, 3, 3]`, with taps in reverse: `[outputs, 3, 3,
-/// channels]`.
+/// Returns the weights of the adjoint convolution of `[outputs, channels, 3, 3]`, with taps in reverse:
+/// `[outputs, 3, 3, channels]`.
 fn reversed(weights: &[f32], channels: usize) -> Vec<f32> {
     let mut target = vec![0.0; weights.len()];
     let size = 9 * channels;

@@ -103,8 +103,8 @@ impl Images<'_> {
         )
     }
 
-    /// Transforms windows of `N x N` pixels by `one` along both axes, and passes each frequency to `sink(channel, frequency,
-    /// value)`, in whole vectors up to `padded` channels; channels beyond the last are 0.
+    /// Transforms windows of `N x N` pixels by `one` along both axes, and passes each frequency to
+    /// `sink(channel, frequency, value)`, in whole vectors up to `padded` channels; channels beyond the last are 0.
     ///
     /// # Safety
     /// As for `Vector`.
