@@ -29,7 +29,7 @@ struct PixelResidual {
 /// Residuals of dense observations at each pixel.
 #[derive(Debug)]
 pub(crate) struct PixelResiduals {
-    /// One for each pixel of the image.
+    /// One mean residual for each pixel of the image.
     values: Vec<PixelResidual>,
     height: usize,
     width: usize,

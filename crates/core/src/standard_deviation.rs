@@ -27,9 +27,9 @@ impl Completion {
     ///
     /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are the standard deviations of both fits. It
     /// is not calibrated again: intervals hold at least their share of errors, and exactly that share only if the errors of
-    /// both fits are the same. The squared scale of a mean of jointly normal or Student-t errors with correlation r, (a^2 + b^2
-    /// + 2 r a b) / 4, is at most the square of (a + b) / 2. Half the difference of both depths is not added: it is a part of a
-    /// and b that their mean does not have.
+    /// both fits are the same. The squared scale of a mean of jointly normal or Student-t errors with correlation r,
+    /// `(a^2 + b^2 + 2 r a b) / 4`, is at most the square of (a + b) / 2. Half the difference of both depths is not added: it
+    /// is a part of a and b that their mean does not have.
     ///
     /// # Errors
     /// Too few observations for an estimate.

@@ -174,7 +174,7 @@ impl Corners {
         }
     }
 
-    /// Between two rows of the grid.
+    /// Loads the corners of every position of an output row between two rows of the grid.
     fn fill(
         &mut self,
         upsampling: &Upsampling,
@@ -320,7 +320,7 @@ mod tests {
         let values: Vec<f32> = (0..GRID.0 * GRID.1)
             .map(|i| plane((i % GRID.1) as f64, (i / GRID.1) as f64) as f32)
             .collect();
-        // At the size of the image, at another one, and at that of the grid.
+        // At the size of the image, at another size, and at that of the grid.
         for size in [SIZE, (31, 50), GRID] {
             let found = upsampling.enlarge(&values, size);
             for (i, value) in found.iter().enumerate() {

@@ -68,7 +68,7 @@ impl Normalisation {
     }
 }
 
-/// What is learned about the basis functions after training.
+/// Quantities estimated for the basis functions after training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {

@@ -14,7 +14,7 @@ pub(super) type Row<const B: usize> = [f64; B];
 pub(super) type Rows<const B: usize> = [Row<B>; 8];
 
 impl Factor {
-    /// `L^-1 values`, in place: each value of the result stands at the pixel that its column eliminates.
+    /// Computes `L^-1 values` in place: each value of the result is stored at the pixel that its column eliminates.
     pub(super) fn forward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
         let swept: Vec<Vec<Rows<B>>> = plan.batches.par_iter().gather(|batch| {
@@ -35,7 +35,7 @@ impl Factor {
         }
     }
 
-    /// `L'^-1 values`, in place.
+    /// Computes `L'^-1 values` in place.
     pub(super) fn backward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
         if let Child::Separator(root) = plan.root {
@@ -115,8 +115,8 @@ impl Factor {
         }
     }
 
-    /// Substitutes forward up to a separator, and returns the update of its boundary. `packed`
-    /// holds the values of its separators from `base` on.
+    /// Substitutes forward up to a separator, and returns the update of its boundary. `packed` holds the values of its
+    /// separators, starting at `base`.
     fn forward_through_tree<const B: usize>(
         &self,
         at: usize,
@@ -228,7 +228,7 @@ impl Factor {
     }
 }
 
-/// The values of the boundary of a child, from those of the front.
+/// Returns the values of the boundary of a child, from those of the front.
 fn boundary<const B: usize>(separator: &Separator, child: usize, values: &[Row<B>]) -> Vec<Row<B>> {
     let places = separator.places[child].iter();
     places

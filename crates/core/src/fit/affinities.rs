@@ -114,7 +114,7 @@ impl Affinities {
 
     /// The blocks of pixels of a rough field.
     pub(crate) fn blocks(&self) -> Blocks {
-        /// Of 304x228 pixels, one in four.
+        /// At 304x228, about one block per four pixels.
         const BLOCKS: usize = 20_000;
         Blocks::new(self.size(), BLOCKS)
     }

@@ -120,7 +120,8 @@ impl CalibrationNode {
     /// samples.
     pub fn learn(points: f64, samples: &[ErrorSample]) -> Option<Self> {
         const ROUNDS: usize = 40;
-        /// Relative to the number of samples, so that a constant feature gets the exponent 0.
+        /// Ridge relative to the number of samples, which draws the exponents of features that never vary to 0. The constant 1
+        /// is not shrunk.
         const RIDGE: f64 = 1e-4;
         let mut normal = Mat::<f64>::zeros(PIXEL_FEATURES, PIXEL_FEATURES);
         for (features, _) in samples {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How the strength of the prior is chosen: lambda, the ratio of the noise variance to the variance of u.
+/// The choice of the strength of the prior, lambda: the ratio of the noise variance to the variance of u.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Lambda {
@@ -43,7 +43,7 @@ impl Lambda {
         }
     }
 
-    /// The same strength for a number of points, whose statistics may be those of fewer.
+    /// Returns the strength for a number of points, for statistics that may be those of fewer points.
     pub(super) fn at(self, count: usize) -> Self {
         match self {
             Self::Evidence | Self::Gcv | Self::Fixed(_) => self,

@@ -24,7 +24,7 @@ const NOTHING: f64 = 1e-6;
 /// estimate for points of weight 1; `solve` returns that for other weights.
 ///
 /// # Errors
-/// Those of `solve`.
+/// The errors of `solve`.
 pub(super) fn weighted_by_variance(
     plain: Estimate,
     variances: &[f64],

@@ -127,7 +127,7 @@ mod tests {
         let noise = LocalNoise::new(&fit, &fit.leverages(&bases), &places, (40, 80));
         let right = noise.at(60.0, 20.0).sqrt();
         assert!((right - 0.5).abs() < 0.03, "{right}");
-        // Drawn to that of the whole image, 0.35, by one degree of freedom among 4.5.
+        // Shrunk towards the noise of the whole image, 0.35, by one degree of freedom among 4.5.
         let left = noise.at(20.0, 20.0).sqrt();
         assert!((left - 0.35 / 4.5_f64.sqrt()).abs() < 0.01, "{left}");
     }

@@ -25,7 +25,7 @@ pub struct LinearWeights {
     pub columns: usize,
     /// Weights `[inputs, columns]`.
     pub values: Vec<f32>,
-    /// One for each output.
+    /// One value for each output.
     pub bias: Vec<f32>,
 }
 

@@ -295,7 +295,7 @@ impl Scene {
     }
 }
 
-/// How the leave-one-out errors of the image's own points change with the carried points.
+/// The change of the leave-one-out errors of the image's own points due to the carried points.
 struct Judgement {
     /// Means relative to the depths, without and with carried points; `None` without enough points.
     errors: Option<[f64; 2]>,

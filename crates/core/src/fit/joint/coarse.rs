@@ -3,7 +3,7 @@
 use crate::bilinear::{between, rescaled};
 use rayon::prelude::*;
 
-/// Some pixels of a map, evenly spaced; all of a small one.
+/// Evenly spaced pixels of a map; all pixels of a small map.
 #[derive(Debug)]
 pub(super) struct CoarseGrid {
     size: (usize, usize),

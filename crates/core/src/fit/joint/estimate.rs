@@ -23,7 +23,7 @@ use lsdc_kernels::schedule::{InTasks, join};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// How a field is fitted: with basis functions if there is a prior over their weights.
+/// Estimator of a field, with basis functions if there is a prior over their weights.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fit) struct FieldEstimator<'a> {
     pub(in crate::fit) geometry: FieldGeometry<'a>,

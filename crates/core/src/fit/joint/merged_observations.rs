@@ -243,7 +243,7 @@ fn by_pixel(
     for end in ends.iter_mut().filter(|count| **count > 0) {
         total += *end;
         starts.push(total as usize);
-        // Where the next point goes.
+        // Index of the next point.
         *end = total - *end;
     }
     let mut members = vec![0; total as usize];

@@ -106,7 +106,7 @@ impl Surface {
         let distances = continue_outside(&mut found.depths, size);
         let pixels = found.narrow.iter_mut().zip(distances);
         for (value, distance) in pixels.filter(|(_, distance)| *distance > 0.0) {
-            // The middle of a gap is half its width away from the observations beside it.
+            // The middle of a gap is half its width away from the observations next to it.
             *value = narrow(2.0 * f64::from(distance));
         }
         // Observations may span less than a pixel.
@@ -126,8 +126,8 @@ impl Surface {
         })
     }
 
-    /// The right-hand sides of the expected steps in the equations of the field beside basis functions, whose values at
-    /// every pixel are `functions`, and of the field alone.
+    /// Returns the right-hand sides of the expected steps: in the equations of the field that is added to basis functions,
+    /// whose values at every pixel are `functions`, and in those of the field alone.
     pub(super) fn right_sides(&self, grid: &Grid<'_>, functions: &[f32]) -> Vec<[f64; 2]> {
         self.divergence(grid, |one, other| {
             let functions = f64::from(functions[other]) - f64::from(functions[one]);
@@ -259,7 +259,8 @@ pub(super) fn left_out(
     }
     let one = |observation: usize, &edge: &usize| {
         let (ring, confidence) = mesh.around(edge)?;
-        // Without an observation, those around it are triangulated as they would be alone: no other lies in their circles.
+        // Without an observation, its neighbours have the Delaunay triangulation of these points alone, because no other
+        // observation is in their circumcircles.
         let own: Vec<[f64; 2]> = ring.iter().map(|&other| places[other]).collect();
         let points: Vec<Point> = own.iter().map(|&[x, y]| Point { x, y }).collect();
         let found = triangulate(&points).triangles;
@@ -489,7 +490,7 @@ impl Plane {
             let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
             for k in 0..3 {
                 let (p, q) = (self.corners[k], self.corners[(k + 1) % 3]);
-                // The same from both triangles beside an edge.
+                // Identical for both triangles at an edge.
                 let (p, q) = if p[1] <= q[1] { (p, q) } else { (q, p) };
                 if p[1] <= line && line < q[1] {
                     let x = p[0] + (line - p[1]) / (q[1] - p[1]) * (q[0] - p[0]);
@@ -814,7 +815,7 @@ mod tests {
             mixed.collect()
         }
 
-        /// The same of the joint fit, or of the field alone.
+        /// The minimum for the joint fit, or for the field alone.
         fn minimum(&self, fit: &Fit, perspective: bool, with_functions: bool) -> Vec<f64> {
             let depths: Vec<f64> = self.depths.iter().copied().map(f64::from).collect();
             let surface =

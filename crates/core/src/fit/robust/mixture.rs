@@ -28,7 +28,7 @@ pub(super) struct TestedPoints {
     pub(super) unit: f64,
 }
 
-/// How each point is predicted from the others.
+/// Predicts each point from the others.
 pub(super) trait Predict {
     /// Returns the predictions from points with these noise variances.
     fn predict(&self, noise: &[f64]) -> Result<Predictions>;

@@ -91,8 +91,8 @@ fn key(rows: &FitRows<'_>, i: usize) -> [f64; 4] {
     [v, u, rows.values[i], rows.weights[i]]
 }
 
-/// With very many points, the field alone predicts each from those next to it: the basis functions are the same for all.
-/// The field of blocks of pixels, which costs little, finds most outliers first.
+/// With very many points, the field alone predicts each from its neighbours, which share the basis functions. The field of
+/// blocks of pixels, which is fast, finds most outliers first.
 fn close(
     rows: &FitRows<'_>,
     order: &[usize],
