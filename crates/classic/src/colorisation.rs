@@ -1,14 +1,13 @@
-//! Colorisation with depths for colours (Levin, Lischinski, Weiss 2004): each pixel without a point
-//! is the mean of its eight neighbours, weighted by the similarity of their grey values; pixels with a
-//! point keep it.
+//! Colorisation of depths instead of colours (Levin, Lischinski, Weiss 2004): each pixel without a point is the mean of its
+//! eight neighbours, weighted by the similarity of their grey values; pixels with a point keep its depth.
 
 use super::{equations::Equations, grey_values};
 use crate::error::Result;
 use image::RgbImage;
 use lsdc_core::DepthMap;
 
-/// The scale of squared differences as a share of the window's variance, and its least value, for grey
-/// values of 0 to 1 (the constants of the authors' program).
+/// The scale of squared differences as a share of the window's variance, and its least value, for grey values of 0 to 1 (the
+/// constants of the authors' program).
 const SHARE: f64 = 0.6;
 const LEAST: f64 = 2e-6;
 
@@ -43,7 +42,7 @@ pub(super) fn colorisation(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap
     Ok(DepthMap::new(width, height, values.collect())?)
 }
 
-/// The weights of the neighbours, which sum to 1.
+/// Returns the weights of the neighbours, which sum to 1.
 fn weights(grey: &[f64], here: usize, around: &[usize]) -> Vec<f64> {
     let count = around.len() as f64 + 1.0;
     let window = || around.iter().chain([&here]).map(|&j| grey[j]);
@@ -52,7 +51,7 @@ fn weights(grey: &[f64], here: usize, around: &[usize]) -> Vec<f64> {
     let squares = around.iter().map(|&j| (grey[j] - grey[here]).powi(2));
     let squares: Vec<f64> = squares.collect();
     let closest = squares.iter().copied().fold(f64::INFINITY, f64::min);
-    // The most alike neighbour has a weight of at least 1/100.
+    // The most similar neighbour has a weight of at least 1/100.
     let scale = (SHARE * variance).max(closest / 100_f64.ln()).max(LEAST);
     let weights = squares.iter().map(|square| (-square / scale).exp());
     let weights: Vec<f64> = weights.collect();

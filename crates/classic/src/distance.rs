@@ -30,9 +30,9 @@ pub fn distances(sparse: &DepthMap) -> Vec<f32> {
         .collect()
 }
 
-/// The lower envelope of the parabolas (x - i)^2 + heights[i], at whole x.
+/// Returns the lower envelope of the parabolas (x - i)^2 + heights[i], at integer x.
 fn lower_envelope(heights: &[f64]) -> Vec<f64> {
-    // The parabolas of the envelope, and where each begins.
+    // The parabolas of the envelope, and the start of each.
     let mut parts: Vec<(usize, f64)> = Vec::with_capacity(heights.len());
     for (i, &height) in heights.iter().enumerate().filter(|(_, h)| h.is_finite()) {
         let key = height + (i * i) as f64;

@@ -1,18 +1,18 @@
-//! Linear equations between the pixels of an image, solved directly (faer's sparse factorisations).
+//! Linear equations between the pixels of an image, solved directly (by faer's sparse factorisations).
 
 use crate::error::{Error, Result};
 use faer::linalg::solvers::SolveCore as _;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Conj, Mat};
 
-/// A square sparse system, made entry by entry; entries of the same place are added.
+/// A square sparse system, assembled entry by entry; entries at the same position are added.
 pub(super) struct Equations {
     entries: Vec<Triplet<usize, usize, f64>>,
     right_hand_side: Vec<f64>,
 }
 
 impl Equations {
-    /// No entries, and a right-hand side of zeros.
+    /// A system without entries, with a right-hand side of zeros.
     pub(super) fn new(unknowns: usize) -> Self {
         Self {
             entries: Vec::with_capacity(6 * unknowns),
@@ -20,17 +20,17 @@ impl Equations {
         }
     }
 
-    /// Adds to the matrix.
+    /// Adds a value to the matrix.
     pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
         self.entries.push(Triplet::new(row, column, value));
     }
 
-    /// Adds to the right-hand side.
+    /// Adds a value to the right-hand side.
     pub(super) fn add_right(&mut self, row: usize, value: f64) {
         self.right_hand_side[row] += value;
     }
 
-    /// The solution of a regular system.
+    /// Solves a regular system.
     pub(super) fn solve(self) -> Result<Vec<f64>> {
         let n = self.right_hand_side.len();
         let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(n, n, &self.entries);

@@ -1,9 +1,9 @@
-//! Why a method has no result.
+//! Errors of the methods.
 
 /// The result of a method.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// A method has no result.
+/// Why a method has no result.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -16,13 +16,13 @@ pub enum Error {
     /// The thin-plate spline is not finite.
     #[error("the thin-plate spline through these points is not finite")]
     Spline,
-    /// The result is no depth map.
+    /// The result is not a valid depth map.
     #[error(transparent)]
     Map(#[from] lsdc_core::Error),
 }
 
 impl Error {
-    /// Advice, if there is any.
+    /// A suggestion, if there is one.
     pub fn hint(&self) -> Option<&str> {
         match self {
             Self::NoPoints => Some("give at least one pixel a positive, finite depth"),

@@ -4,7 +4,7 @@ use super::neighbours::{Neighbours, each_pixel};
 use crate::error::Result;
 use lsdc_core::DepthMap;
 
-/// Nearest points that a pixel depends on.
+/// Number of nearest points used for a pixel.
 const NEAREST: usize = 8;
 
 pub(super) fn inverse_distance(sparse: &DepthMap) -> Result<DepthMap> {

@@ -1,4 +1,4 @@
-//! Depth completion without training: the baselines of the field, one method per file.
+//! Depth completion without training: common baselines, one method per file.
 //!
 //! ```
 //! use image::RgbImage;
@@ -14,7 +14,7 @@
 //! # }
 //! ```
 //!
-//! Maps come from `lsdc-core`; `lsdc-eval` compares these methods with others.
+//! Maps are those of `lsdc-core`; `lsdc-eval` compares these methods with others.
 
 mod colorisation;
 mod distance;
@@ -42,7 +42,7 @@ pub enum Classic {
     Nearest,
     /// Linear interpolation over the Delaunay triangulation, nearest outside its hull.
     Linear,
-    /// The same for inverse depth: exact on planes in front of a pinhole camera.
+    /// Linear interpolation of inverse depth: exact on planes in front of a pinhole camera.
     LinearInverse,
     /// Weighted mean of the eight nearest points, by the inverse square of their distance (Shepard
     /// 1968).
@@ -51,7 +51,7 @@ pub enum Classic {
     Spline,
     /// Weighted least squares: neighbours of similar colours have similar depths (Farbman et al. 2008).
     Smooth,
-    /// Colorisation (Levin, Lischinski, Weiss 2004), which filled NYU's depths.
+    /// Colorisation (Levin, Lischinski, Weiss 2004), used to fill the depths of NYU.
     Colorisation,
     /// Steering kernel regression (Takeda, Farsiu, Milanfar 2007).
     Steering,
@@ -88,8 +88,7 @@ impl Classic {
         }
     }
 
-    /// Fills every pixel of `sparse`, some methods under the guidance of `rgb`, which must be as
-    /// large.
+    /// Fills every pixel of `sparse`. Some methods are guided by `rgb`, which must have the same size.
     ///
     /// # Errors
     /// No point, or a system of equations without a solution.
@@ -111,7 +110,7 @@ impl Classic {
     }
 }
 
-/// The luma of all pixels, from 0 to 255.
+/// Returns the luma of all pixels, from 0 to 255.
 fn grey_values(rgb: &RgbImage) -> impl Iterator<Item = f64> {
     rgb.pixels()
         .map(|p| 0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2]))

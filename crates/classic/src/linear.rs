@@ -1,4 +1,4 @@
-//! Linear interpolation of depth or inverse depth over the Delaunay triangulation of the points; nearest point outside
+//! Linear interpolation of depth or inverse depth over the Delaunay triangulation of the points; nearest neighbour outside
 //! their hull.
 
 use super::neighbours::Neighbours;
@@ -15,7 +15,7 @@ pub(super) enum Quantity {
 }
 
 impl Quantity {
-    /// Converts a depth to the quantity, or the quantity to a depth: both are the same function.
+    /// Converts a depth to the quantity or the quantity to a depth; the conversion is its own inverse.
     fn convert(self, depth: f64) -> f64 {
         match self {
             Self::Depth => depth,
@@ -53,9 +53,9 @@ fn triangles(points: &[Point]) -> Vec<[Point; 3]> {
         .collect()
 }
 
-/// Returns the measurements beside a pixel without one: no pixel depends on the others. If the four pixels around
-/// a measurement are measured, its Voronoi cell is its own pixel (open to the outside at the border of the image), so
-/// that its Delaunay triangles lie in unit squares and cover no pixel without a measurement.
+/// Returns the measurements adjacent to a pixel without one: no unmeasured pixel depends on the others. If the four pixels
+/// around a measurement are measured, its Voronoi cell is its own pixel (open to the outside at the border of the image), so
+/// that its Delaunay triangles lie in unit squares and cover no unmeasured pixel.
 fn edge_points(sparse: &DepthMap) -> Vec<Point> {
     let is_hole = |x: usize, y: usize| sparse.get(x, y) == Some(0.0);
     let is_edge = |&Point { x, y, .. }: &Point| {
@@ -67,7 +67,7 @@ fn edge_points(sparse: &DepthMap) -> Vec<Point> {
     sparse.points().filter(is_edge).collect()
 }
 
-/// Interpolates the pixels without a measurement inside a triangle, edges included.
+/// Interpolates the unmeasured pixels inside a triangle, edges included.
 fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3], quantity: Quantity) {
     let edge = |p: Point, q: Point, x: f64, y: f64| {
         (q.x as f64 - p.x as f64) * (y - p.y as f64) - (q.y as f64 - p.y as f64) * (x - p.x as f64)
@@ -97,8 +97,8 @@ fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3], quantity: 
     }
 }
 
-/// Returns the first and the last column that a triangle may cover in a row. Boxes around long thin triangles, of which
-/// the outlines of large holes have many, would have far more pixels.
+/// Returns the first and the last column that a triangle may cover in a row. The bounding boxes of long thin triangles, which
+/// are common at outlines of large holes, would contain far more pixels.
 fn row_of([a, b, c]: [Point; 3], y: usize) -> (usize, usize) {
     let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
     for (p, q) in [(a, b), (b, c), (c, a)] {
@@ -115,7 +115,7 @@ fn row_of([a, b, c]: [Point; 3], y: usize) -> (usize, usize) {
         left = ends.into_iter().fold(left, f64::min);
         right = ends.into_iter().fold(right, f64::max);
     }
-    // Rounding may not lose a pixel on an edge.
+    // Rounding must not drop a pixel on an edge.
     let farthest = a.x.max(b.x).max(c.x);
     (
         (left - 1e-6).ceil().max(0.0) as usize,
@@ -155,8 +155,8 @@ mod tests {
         }
     }
 
-    /// The ray through pixel (x, y) is ((x - cx) / f, (y - cy) / f, 1). It meets the plane n . p = d at the depth
-    /// d / (n . ray).
+    /// The ray through pixel (x, y) is ((x - cx) / f, (y - cy) / f, 1). It intersects the plane n . p = d at the depth d / (n .
+    /// ray).
     #[test]
     fn a_slanted_plane_seen_by_a_pinhole_camera_is_reproduced_by_inverse_depths() {
         let (focal, centre) = (50.0, (19.5, 14.5));
@@ -214,14 +214,14 @@ mod tests {
             for p in sparse.points() {
                 assert_eq!(dense.at(p.x, p.y), p.depth, "{p:?}");
             }
-            // Without a hole there is nothing to do.
+            // A map without holes is returned unchanged.
             let whole = DepthMap::new(3, 2, vec![1.7; 6]).unwrap();
             assert_eq!(linear(&whole, quantity).unwrap(), whole);
         }
     }
 
-    /// Whichever points are left out, each pixel in a hole lies in a triangle whose circumcircle holds no measurement at
-    /// all: the definition of Delaunay's triangulation.
+    /// For any selection of points, each pixel in a hole lies in a triangle whose circumcircle contains no measurement: the
+    /// definition of the Delaunay triangulation.
     #[test]
     fn triangles_over_holes_are_those_of_all_points() {
         let sparse = with_holes();

@@ -1,11 +1,11 @@
-//! IP-Basic (Ku, Harakeh, Waslander, CRV 2018): dilations of inverted depths, which keep the nearest depths, then a
-//! median and a Gaussian blur. Its sizes suit a 64-line laser scanner.
+//! IP-Basic (Ku, Harakeh, Waslander, CRV 2018): dilations of inverted depths, which preserve the nearest depths, then a median
+//! filter and a Gaussian blur. Its kernel sizes suit a 64-line laser scanner.
 
 use super::neighbours::Neighbours;
 use crate::error::Result;
 use lsdc_core::DepthMap;
 
-/// Depths are inverted about this many metres.
+/// Least depth, in metres, from which depths are subtracted to invert them.
 const FAR: f32 = 100.0;
 
 /// Rows of the 5x5 diamond: the half width of each.
@@ -33,7 +33,7 @@ pub(super) fn morphology(sparse: &DepthMap) -> Result<DepthMap> {
     let values = (0..width * height)
         .map(|i| {
             if filled[i] {
-                // Pixels left empty blur into their neighbours.
+                // Empty pixels affect the blurred values of their neighbours.
                 (far - blurred.values[i]).clamp(low, high)
             } else {
                 neighbours.nearest_depth(i % width, i / width)
@@ -43,7 +43,7 @@ pub(super) fn morphology(sparse: &DepthMap) -> Result<DepthMap> {
     Ok(DepthMap::new(width, height, values)?)
 }
 
-/// Inverted depths, 0 where there are none.
+/// Inverted depths; 0 for empty pixels.
 #[derive(Clone)]
 struct Plane {
     width: usize,
@@ -52,13 +52,13 @@ struct Plane {
 }
 
 impl Plane {
-    /// The largest value under a shape, given by the half width of each of its rows; nothing
-    /// outside the map.
+    /// Returns the largest value under a shape, given by the half width of each of its rows. Pixels outside the map are
+    /// ignored.
     fn dilated(&self, shape: &[usize]) -> Self {
         self.extreme(shape, f32::max)
     }
 
-    /// The smallest value under a shape.
+    /// Returns the smallest value under a shape.
     fn eroded(&self, shape: &[usize]) -> Self {
         self.extreme(shape, f32::min)
     }
@@ -66,7 +66,7 @@ impl Plane {
     fn extreme(&self, shape: &[usize], pick: impl Fn(f32, f32) -> f32) -> Self {
         let reach = shape.len() / 2;
         let (width, height) = (self.width, self.height);
-        // Row by row first: the extreme of each run is shared by the rows of a rectangle.
+        // Rows first: the extreme of each run is shared by the rows of a rectangle.
         let mut half_widths = shape.to_vec();
         half_widths.sort_unstable();
         half_widths.dedup();
@@ -88,7 +88,7 @@ impl Plane {
         Self { values, ..*self }
     }
 
-    /// The extreme of `half` pixels to both sides in the same row.
+    /// Returns the extreme of `half` pixels on both sides in the same row.
     fn runs(&self, half: usize, pick: &impl Fn(f32, f32) -> f32) -> Vec<f32> {
         let mut runs = Vec::with_capacity(self.values.len());
         for row in self.values.chunks(self.width) {
@@ -100,7 +100,7 @@ impl Plane {
         runs
     }
 
-    /// Empty pixels take the other's values.
+    /// Fills empty pixels from another map.
     fn filled_from(&self, other: &Self) -> Self {
         let pairs = self.values.iter().zip(&other.values);
         Self {
@@ -109,14 +109,14 @@ impl Plane {
         }
     }
 
-    /// The value at a pixel, the border continued.
+    /// Returns the value at a pixel, with the border replicated.
     fn at(&self, x: isize, y: isize) -> f32 {
         let x = x.clamp(0, self.width as isize - 1) as usize;
         let y = y.clamp(0, self.height as isize - 1) as usize;
         self.values[y * self.width + x]
     }
 
-    /// The median of 5x5 pixels.
+    /// Returns the median of 5x5 pixels.
     fn median(&self) -> Self {
         let mut window = Vec::with_capacity(25);
         let mut values = Vec::with_capacity(self.values.len());
@@ -133,8 +133,7 @@ impl Plane {
         Self { values, ..*self }
     }
 
-    /// A 5x5 binomial blur, which is OpenCV's Gaussian for 5 pixels; the border is mirrored about
-    /// the outermost pixel.
+    /// Returns a 5x5 binomial blur, which is OpenCV's Gaussian for 5 pixels; the border is mirrored about the outermost pixel.
     fn blurred(&self) -> Self {
         const WEIGHTS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
         let mirrored = |i: isize, length: usize| {
@@ -185,7 +184,7 @@ mod tests {
         let square = plane(&[(centre, 5.0), (centre + 1, 3.0)]).dilated(&[1; 3]);
         assert_eq!(square.values.iter().filter(|v| **v == 5.0).count(), 9);
         assert_eq!(square.values.iter().filter(|v| **v == 3.0).count(), 3);
-        // Opening what was closed gives it back.
+        // Opening the closed map restores it.
         let back = square.dilated(&[1; 3]).eroded(&[1; 3]);
         assert_eq!(back.values, square.values);
     }

@@ -1,11 +1,11 @@
-//! Nearest points of a map.
+//! Nearest-point search in a map.
 
 use crate::error::Result;
 use lsdc_core::nearest::NeighbourGrid;
 use lsdc_core::{DepthMap, Point};
 use rayon::prelude::*;
 
-/// The points of a map, for the nearest ones of a pixel.
+/// The points of a map, for nearest-point search.
 pub(super) struct Neighbours {
     pub(super) points: Vec<Point>,
     cells: NeighbourGrid,
@@ -16,7 +16,7 @@ impl Neighbours {
         Self::of(sparse.points().collect())
     }
 
-    /// Some of the points of a map.
+    /// From some of the points of a map.
     pub(super) fn of(points: Vec<Point>) -> Self {
         let places: Vec<[f64; 2]> = points.iter().map(|p| [p.x as f64, p.y as f64]).collect();
         Self {
@@ -30,14 +30,14 @@ impl Neighbours {
         self.cells.nearest([x as f64, y as f64], count)
     }
 
-    /// The depth of the nearest point.
+    /// Returns the depth of the nearest point.
     pub(super) fn nearest_depth(&self, x: usize, y: usize) -> f32 {
         let (_, i) = self.nearest(x, y, 1)[0];
         self.points[i].depth
     }
 }
 
-/// Computes every pixel of a map as large as `sparse`, row by row in parallel.
+/// Computes every pixel of a map of the size of `sparse`, row by row in parallel.
 pub(super) fn each_pixel(
     sparse: &DepthMap,
     value: impl Fn(usize, usize) -> f32 + Sync,
@@ -52,7 +52,7 @@ pub(super) fn each_pixel(
     Ok(DepthMap::new(width, height, values)?)
 }
 
-/// The depth of the nearest point.
+/// Fills each pixel with the depth of the nearest point.
 pub(super) fn nearest(sparse: &DepthMap) -> Result<DepthMap> {
     let neighbours = Neighbours::new(sparse);
     each_pixel(sparse, |x, y| neighbours.nearest_depth(x, y))

@@ -3,7 +3,7 @@
 //!
 //! > sum over neighbours w_ij (u_i - u_j)^2 + OBSERVATION_PRECISION x sum over points (u_i - d_i)^2
 //!
-//! where `w_ij` falls with the difference in colour.
+//! where `w_ij` decreases with the difference in colour.
 
 use crate::error::{Error, Result};
 use image::RgbImage;
@@ -11,14 +11,14 @@ use lsdc_core::DepthMap;
 use lsdc_core::bilinear::InterpolationWeights;
 use lsdc_core::field::{Grid, PrecisionSolver};
 
-/// Difference in colour (of 255 a channel) at which an affinity is half. This and the next were chosen
-/// on training frames of NYU Depth v2.
+/// Difference in colour (of 255 per channel) that halves an affinity. This and the next constant were chosen on training frames
+/// of NYU Depth v2.
 const CONTRAST: f64 = 1.5;
 
 /// The smallest affinity, across edges.
 const LEAST_AFFINITY: f64 = 5e-4;
 
-/// The weight of a point against the smoothness: the surface nearly interpolates.
+/// The weight of a point relative to the smoothness: the surface nearly interpolates the points.
 const OBSERVATION_PRECISION: f64 = 100.0;
 
 pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {

@@ -1,7 +1,7 @@
-//! Thin-plate splines (Duchon 1977): the surface through the points that bends least.
+//! Thin-plate splines (Duchon 1977): the interpolating surface with the smallest bending energy.
 //!
-//! With many points, splines of overlapping neighbourhoods are blended (partition of unity), so
-//! that the time grows with their number and not with its cube.
+//! For many points, splines of overlapping neighbourhoods are blended (partition of unity), so that the time grows with the
+//! number of points and not with its cube.
 
 use super::neighbours::{Neighbours, each_pixel};
 use crate::error::{Error, Result};
@@ -10,7 +10,7 @@ use faer::linalg::solvers::Solve as _;
 use lsdc_core::{DepthMap, Point};
 use rayon::prelude::*;
 
-/// Up to so many points make one spline; else each neighbourhood has a quarter of them.
+/// Largest number of points for a single spline; otherwise each neighbourhood has a quarter of this.
 const WHOLE: usize = 1024;
 
 pub(super) fn spline(sparse: &DepthMap) -> Result<DepthMap> {
@@ -21,7 +21,7 @@ pub(super) fn spline(sparse: &DepthMap) -> Result<DepthMap> {
         return each_pixel(sparse, |x, y| spline.at(x, y));
     }
     let part = WHOLE / 4;
-    // Squares that hold a quarter of a neighbourhood each.
+    // Squares with about a quarter of a neighbourhood's points each.
     let area = (sparse.width() * sparse.height()) as f64;
     let side = (area * part as f64 / points.len() as f64 / 4.0)
         .sqrt()
@@ -62,7 +62,7 @@ struct Spline {
     centres: Vec<[f64; 2]>,
     weights: Vec<f64>,
     plane: [f64; 3],
-    /// The range of the points' depths: a plane through few points may extrapolate far beyond it.
+    /// The range of the points' depths: a plane through few points may extrapolate far beyond this range.
     range: (f64, f64),
 }
 
@@ -74,7 +74,7 @@ impl Spline {
         });
         let centres: Vec<[f64; 2]> = points.iter().map(|p| [p.x as f64, p.y as f64]).collect();
         let n = points.len();
-        // Points on one line do not determine the plane: a ridge selects the smallest slope.
+        // Collinear points do not determine the plane: a ridge penalty selects the smallest slope.
         let tilt = 1e-9;
         let matrix = Mat::from_fn(n + 3, n + 3, |i, j| match (i < n, j < n) {
             (true, true) => radial(centres[i], centres[j]),
@@ -110,7 +110,7 @@ impl Spline {
     }
 }
 
-/// r^2 ln r of the distance between two places, in hundreds of pixels.
+/// Returns r^2 ln r for the distance r between two positions, in hundreds of pixels.
 fn radial(a: [f64; 2], b: [f64; 2]) -> f64 {
     let square = 1e-4 * ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2));
     if square == 0.0 {

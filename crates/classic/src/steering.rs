@@ -1,6 +1,6 @@
-//! Steering kernel regression (Takeda, Farsiu, Milanfar 2007): a local plane is fitted to the
-//! points around each pixel, with Gaussian weights that are stretched along the edges of the image
-//! at the point. Here the edges are those of the colour image, and the points are scattered.
+//! Steering kernel regression (Takeda, Farsiu, Milanfar 2007): a local plane is fitted to the points around each pixel, with
+//! Gaussian weights that are elongated along the image edges at each point. Here the edges are those of the colour image, and
+//! the points are scattered.
 
 use super::grey_values;
 use super::neighbours::{Neighbours, each_pixel};
@@ -14,17 +14,17 @@ use lsdc_core::{DepthMap, Point};
 /// NYU Depth v2.
 const WIDTH: f64 = 0.6;
 
-/// Half the side of the window over which gradients are gathered.
+/// Half the side of the window over which gradients are summed.
 const WINDOW: usize = 3;
 
 /// Regularisation of the kernel's elongation, for gradients of grey values of 0 to 255;
 /// chosen on the same frames.
 const ELONGATION: f64 = 10.0;
 
-/// Nearest points that a pixel depends on.
+/// Number of nearest points used for a pixel.
 const NEAREST: usize = 24;
 
-/// The exponent of the kernel's size against structure (Takeda et al.).
+/// The exponent of the dependence of the kernel's size on structure (Takeda et al.).
 const SIZE: f64 = 0.25;
 
 /// A point and the inverse covariance of its kernel.
@@ -84,7 +84,7 @@ impl Moments {
         self.depth[2] += weight * depth * dy;
     }
 
-    /// The plane's value at the pixel; a ridge on its slopes limits extrapolation from few points on one side.
+    /// Returns the plane's value at the pixel; a ridge penalty on its slopes limits extrapolation from few points on one side.
     fn value(&self) -> Option<f64> {
         let Self {
             weight: w,
@@ -131,8 +131,8 @@ impl Gradients {
         }
     }
 
-    /// The inverse covariance (xx, xy, yy) of the kernel at a pixel: elongated across the dominant
-    /// gradient, smaller where there is structure.
+    /// Returns the inverse covariance (xx, xy, yy) of the kernel at a pixel: elongated perpendicular to the dominant gradient,
+    /// smaller in structured areas.
     fn precision(&self, x: usize, y: usize, width: f64) -> [f64; 3] {
         let (mut xx, mut xy, mut yy, mut count) = (0.0, 0.0, 0.0, 0.0);
         for v in y.saturating_sub(WINDOW)..(y + WINDOW + 1).min(self.height) {

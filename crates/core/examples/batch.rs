@@ -1,4 +1,4 @@
-//! Many images on a thread pool of the caller, each on one thread.
+//! Completes many images on a thread pool of the caller, each image on one thread.
 //!
 //!     cargo run --release -p lsdc-core --example batch [IMAGES]
 

@@ -2,9 +2,9 @@
 //!
 //!     encoder WEIGHTS.safetensors IMAGE HEIGHT WIDTH RUNS FEATURES
 //!
-//! Weights are f32, with the names of `DINOv2`. IMAGE and FEATURES hold plain little-endian `f32`: a normalised image
-//! `[height, width, 3]`, and what the encoder makes of it, `[taps, patches, channels]`. Prints the mean milliseconds of
-//! RUNS runs after one.
+//! Weights are f32, named as in `DINOv2`. IMAGE and FEATURES are plain little-endian `f32`: a normalised image
+//! `[height, width, 3]`, and the features of the encoder, `[taps, patches, channels]`. Prints the mean run time of RUNS runs in
+//! milliseconds, after one warm-up run.
 
 #![allow(clippy::print_stdout)]
 

@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let points = read_points(Path::new(points))?;
     let completer = Completer::new(&Weights::builtin_small())?;
     let scene = completer.scene(&Image::new(width, height, Channels::Rgb, &rgb)?)?;
-    // No other image follows: the fit can have the memory of the network.
+    // No other image follows: the fit can reuse the memory of the network.
     drop(rgb);
     completer.release();
     let completion = scene.complete(&points)?;

@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         );
         residuals.push(completion.report().residual);
     }
-    // A field follows points that basis functions alone cannot.
+    // A field follows points that basis functions alone cannot represent.
     assert!(residuals[1] < residuals[0]);
     Ok(())
 }

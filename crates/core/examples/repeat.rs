@@ -1,4 +1,4 @@
-//! Completes the room so many times on one thread, from the image on: what `scripts/instructions.py` counts.
+//! Completes the room COUNT times on one thread, starting from the image; `scripts/instructions.py` counts its instructions.
 //!
 //!     cargo run --release -p lsdc-core --example repeat -- COUNT
 

@@ -1,5 +1,5 @@
-//! A robot that looks at one place while its points change: the network runs once, each set of points
-//! costs a fit. Depths go into a buffer that is used again.
+//! A robot that looks at one place while its points change: the network runs once, and each set of points needs a fit. Depths
+//! are written into a reused buffer.
 //!
 //!     cargo run --release -p lsdc-core --example robot
 
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut depth = vec![0.0_f32; width * height];
     let mut errors = Vec::new();
     for frame in 0..10 {
-        // Every tenth point, another tenth each time.
+        // A different tenth of the points each time.
         let some: Observations = points.iter().skip(frame).step_by(10).copied().collect();
         let completion = scene.complete(&some)?;
         completion.write_depth(width, height, width, &mut depth)?;

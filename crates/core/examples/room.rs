@@ -1,4 +1,4 @@
-//! An image and sparse depths to dense depth, with what the fit knows of its errors.
+//! Computes dense depth from an image and sparse depths, and evaluates the error estimates of the fit.
 //!
 //!     cargo run --release -p lsdc-core --example room
 
@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let depth = completion.depth()?;
     let deviation = completion.standard_deviation()?;
 
-    // The room is rendered, so that its depth is known.
+    // The room is rendered, so its true depth is known.
     let truth = files::map("depth.npy", width)?;
     let (mut squares, mut within) = (0.0, 0);
     for &(u, v, expected) in &truth {

@@ -1,4 +1,4 @@
-//! Whether points lie where the image shows them: their leave-one-out errors where they are and at other places.
+//! Tests whether points are shifted relative to the image, by their leave-one-out errors at shifted positions.
 
 use crate::comparison::{Comparison, is_clear, random_sample};
 use crate::error::Result;
@@ -7,7 +7,7 @@ use crate::scene::Scene;
 use crate::usable::UsableObservations;
 use std::fmt::{Display, Formatter};
 
-/// Lengths of the shifts that are tried, in pixels of an image of `AREA` pixels.
+/// Lengths of the tested shifts, in pixels of an image of `AREA` pixels.
 const LENGTHS: [f64; 5] = [2.0, 4.0, 8.0, 12.0, FARTHEST];
 const FARTHEST: f64 = 16.0;
 const AREA: f64 = 304.0 * 228.0;
@@ -25,12 +25,12 @@ const DIRECTIONS: [[f64; 2]; 8] = {
     ]
 };
 
-/// The evidence of one or more frames for a shift between points and image, as wrong extrinsics or time stamps cause.
+/// The evidence of one or more frames for a shift between points and image, as caused by wrong extrinsics or time stamps.
 ///
-/// The points are predicted from each other (leave-one-out, basis functions alone) where they are and moved by 40 shifts of
+/// The points are predicted from each other (leave-one-out, basis functions alone) at their positions and moved by 40 shifts of
 /// up to a twentieth of the width of the image ([`Comparison`]).
 ///
-/// Frames are pooled by [`Self::add`]: a shift of a whole sequence is found before it is clear in any one frame.
+/// Frames are pooled by [`Self::add`]: a shift of a whole sequence is detectable before it is clear in any single frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alignment {
     comparison: Comparison,
@@ -38,7 +38,7 @@ pub struct Alignment {
     pixel: f64,
 }
 
-/// The shift of the points at which they fit the image best.
+/// The shift of the points that matches the image best.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Shift {
@@ -46,19 +46,19 @@ pub struct Shift {
     pub u: f64,
     /// Down, in pixels of the image.
     pub v: f64,
-    /// Mean leave-one-out error of the points where they are, over their depth.
+    /// Mean leave-one-out error of the points at their positions, relative to their depth.
     pub error: f64,
-    /// The same of the moved points.
+    /// Mean leave-one-out error of the moved points, relative to their depth.
     pub error_moved: f64,
-    /// The gain in log-likelihood over its standard error.
+    /// The gain in log-likelihood, divided by its standard error.
     pub standard_errors: f64,
-    /// Frames that this is the evidence of.
+    /// Number of frames with evidence.
     pub frames: usize,
 }
 
 impl Shift {
-    /// Whether the moved points fit so much better that chance does not explain it: by 6 standard errors in five frames or
-    /// more, by 9 in fewer, and by 5 % of the error.
+    /// Whether the moved points match the image significantly better: by 6 standard errors in five frames or more, by 9 in
+    /// fewer, and by 5 % of the error.
     pub fn is_clear(&self) -> bool {
         is_clear(
             [self.error, self.error_moved],
@@ -83,10 +83,11 @@ impl Display for Shift {
 }
 
 impl Scene {
-    /// Tests whether the observations lie where the image shows them, by 41 fits to at most 2000 of them: for the first
-    /// frames of a robot or a recording rather than for each.
+    /// Tests whether the observations are shifted relative to the image, by 41 fits to at most 2000 of them: use it for the
+    /// first frames of a robot or a recording rather than for each.
     ///
-    /// Observations nearer to the border than the longest shift are left out. Fewer than 100 others are no evidence.
+    /// Observations nearer to the border than the longest shift are skipped. Fewer than 100 remaining observations are no
+    /// evidence.
     ///
     /// # Errors
     /// No usable observation, or a damaged network.
@@ -156,7 +157,7 @@ impl Alignment {
     }
 }
 
-/// The shifts that are tried, to the right and down.
+/// Returns the tested shifts, to the right and down.
 fn shifts() -> impl Iterator<Item = [f64; 2]> {
     LENGTHS.into_iter().flat_map(|length| {
         let directions = DIRECTIONS.into_iter();
@@ -164,7 +165,7 @@ fn shifts() -> impl Iterator<Item = [f64; 2]> {
     })
 }
 
-/// A choice of the usable observations that lie `margin` or more within an image of `size` (height, width).
+/// Returns a sample of the usable observations that are at least `margin` inside an image of `size` (height, width).
 fn chosen(
     observations: &Observations,
     size: (usize, usize),
@@ -191,7 +192,7 @@ mod tests {
 
         const SIZE: (usize, usize) = (320, 240);
 
-        /// Boxes before a wall, each of a colour and a depth of its own: the last that covers a pixel.
+        /// Draws boxes in front of a wall, each with its own colour and depth; later boxes cover earlier ones.
         fn boxes() -> (Vec<u8>, Vec<f32>) {
             let mut rng = Rng::stream(1, &["boxes"]);
             let (mut colours, mut depths) =
@@ -212,7 +213,7 @@ mod tests {
             (colours, depths)
         }
 
-        /// The evidence from a draw of points that lie `shift` pixels to the right of where they belong.
+        /// Computes the evidence from a sample of points that are shifted by `shift` pixels to the right.
         fn alignment(draw: u64, count: usize, shift: f64, scale: f32) -> Alignment {
             let (colours, depths) = boxes();
             let completer = Completer::new(&Weights::builtin_small()).unwrap();
@@ -220,7 +221,7 @@ mod tests {
             let mut rng = Rng::stream(draw, &["points"]);
             let mut points = Observations::new();
             for _ in 0..count {
-                // Nearer to the middle than the longest shift is to the border, moved or not.
+                // Farther from the border than the longest shift, also after the points are moved.
                 let (x, y) = (40 + rng.below(240) as usize, 20 + rng.below(200) as usize);
                 points.add(x as f64 + shift, y as f64, scale * depths[y * SIZE.0 + x]);
             }

@@ -27,18 +27,18 @@ pub(crate) fn containing(place: f64, from: usize, to: usize) -> usize {
     (scaled.max(0.0) as usize).min(to.saturating_sub(1))
 }
 
-/// The pixels of a grid that a position is interpolated from, and their weights, which add up to 1 (but for those
-/// of a difference). A position at a pixel's centre uses that pixel alone.
+/// The pixels of a grid from which a position is interpolated, and their weights, which add up to 1 (except in a
+/// [`difference`](Self::difference)). A position at a pixel's centre uses that pixel alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InterpolationWeights {
-    /// Pixels `y * width + x`, the first `count` of them, none twice.
+    /// Indices `y * width + x`; the first `count` of them are used, and are distinct.
     pixels: [u32; 4],
     shares: [f64; 4],
     count: usize,
 }
 
 impl InterpolationWeights {
-    /// The taps of a position (u, v) in an image of `size` (height, width), on a grid of another size.
+    /// Interpolates a position (u, v) in an image of `size` (height, width) on a grid of another size.
     pub fn new([u, v]: [f64; 2], size: (usize, usize), grid: (usize, usize)) -> Self {
         let (left, right, across) = neighbours(u, size.1, grid.1);
         let (top, bottom, down) = neighbours(v, size.0, grid.0);
@@ -60,7 +60,7 @@ impl InterpolationWeights {
         interpolation
     }
 
-    /// The taps of a single pixel.
+    /// The weight 1 at a single pixel.
     pub fn pixel(pixel: u32) -> Self {
         Self {
             pixels: [pixel, 0, 0, 0],
@@ -69,7 +69,7 @@ impl InterpolationWeights {
         }
     }
 
-    /// The value of one pixel less that of another.
+    /// The value of one pixel minus that of another.
     pub fn difference(one: u32, other: u32) -> Self {
         Self {
             pixels: [one, other, 0, 0],
@@ -93,7 +93,7 @@ impl InterpolationWeights {
         self
     }
 
-    /// The same position on another grid, where pixels may be one: their weights are added.
+    /// The same position on another grid, where several pixels may map to one: their weights are added.
     #[must_use]
     pub(crate) fn merged(&self, pixel: impl Fn(u32) -> u32) -> Self {
         let mut merged = Self {
@@ -117,7 +117,7 @@ impl InterpolationWeights {
         (self.count == 1).then_some(self.pixels[0])
     }
 
-    /// The pixel with the largest weight, the last of equal ones.
+    /// The pixel with the largest weight; the last one of equal weights.
     pub fn nearest(&self) -> u32 {
         let nearest = self.iter().max_by(|a, b| a.1.total_cmp(&b.1));
         nearest.map_or(0, |(pixel, _)| pixel)
@@ -145,7 +145,7 @@ mod tests {
     fn pixels_lie_between_the_centres_of_others() {
         // Twice as large: pixel 3 has its centre at 3.5 / 2, a quarter of a pixel after centre 1.
         assert_eq!(neighbours(3.0, 8, 4), (1, 2, 0.25));
-        // Beyond the first and the last centre, these hold.
+        // The outermost values apply beyond the first and the last centre.
         assert_eq!(neighbours(0.0, 8, 4), (0, 1, 0.0));
         assert_eq!(neighbours(7.0, 8, 4), (3, 3, 0.0));
         // Half as large: between two centres.
@@ -156,7 +156,7 @@ mod tests {
     fn a_plane_is_read_exactly_inside() {
         let grid = (30, 40);
         let plane = |u: f64, v: f64| 2.0 + 0.3 * u - 0.1 * v;
-        // Centres of the grid in an image of 3/2 its size.
+        // Centres of the grid in an image of 3/2 of its size.
         let values: Vec<f64> = (0..grid.0 * grid.1)
             .map(|i| ((i % grid.1) as f64, (i / grid.1) as f64))
             .map(|(x, y)| plane((x + 0.5) * 1.5 - 0.5, (y + 0.5) * 1.5 - 0.5))

@@ -1,4 +1,4 @@
-//! Whether points lie where the image shows them, or at other places: by their leave-one-out errors at each.
+//! Tests whether points match the image better at other positions, by their leave-one-out errors at each.
 
 use crate::error::{FitError, Result};
 use crate::fit::{Changes, FitMethod};
@@ -8,41 +8,40 @@ use crate::usable::UsableObservations;
 use lsdc_rng::Rng;
 use rayon::prelude::*;
 
-/// Fewer points are no evidence, and more are not needed.
+/// Least number of points that are evidence, and largest number that is used.
 pub(crate) const FEWEST: usize = 100;
 const MOST: usize = 2000;
 
-/// Columns and rows of tiles of the image. Points within a tile depend on each other, tiles do not.
+/// Columns and rows of tiles of the image. Points within a tile are dependent; tiles are assumed to be independent.
 const TILES: [usize; 2] = [8, 6];
 
-/// Errors below this share of the depth are alike.
+/// Errors below this share of the depth are treated as equal.
 const EXACT: f64 = 1e-4;
 
-/// An alternative is clear if its gain is so many standard errors, and the mean error falls below `MATERIAL` of what it was.
-/// `STANDARD_ERRORS` is for `FRAMES` or more. One image may show a single object over many tiles, which then depend on
-/// each other: without a shift, single frames reached 8.1 and five frames 4.1 (`docs/evaluation.md`).
+/// An alternative is clear if its gain is at least this many standard errors, and the mean error falls below `MATERIAL` of the
+/// original one. `STANDARD_ERRORS` applies to `FRAMES` or more. One image may show a single object over many tiles, which are
+/// then dependent: without a shift, single frames reached 8.1 and five frames 4.1 (`docs/evaluation.md`).
 const STANDARD_ERRORS: f64 = 6.0;
 const STANDARD_ERRORS_OF_FEW: f64 = 9.0;
 const FRAMES: usize = 5;
 const MATERIAL: f64 = 0.95;
 
-/// The evidence of one or more frames for alternative places of the points, such as those at another time stamp.
+/// The evidence of one or more frames for alternative positions of the points, such as those at another time stamp.
 ///
-/// The points are predicted from each other (leave-one-out, basis functions alone) at each set of places. The gain of an
-/// alternative is the logarithm of the ratio of the likelihoods of these errors, relative to the depths, under a Cauchy
-/// distribution. Its standard error is estimated from the sums over tiles of the image, because neighbouring points are not
-/// independent.
+/// The points are predicted from each other (leave-one-out, basis functions alone) at each set of positions. The gain of an
+/// alternative is the log-likelihood ratio of these errors, relative to the depths, under a Cauchy distribution. Its standard
+/// error is estimated from the sums over tiles of the image, because neighbouring points are not independent.
 ///
 /// Frames are pooled by [`Self::add`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
     /// Frames with evidence.
     frames: usize,
-    /// Points that were compared, the tiles they lie in, and the sum over tiles of the squared number of points.
+    /// Number of compared points, number of tiles with points, and the sum over tiles of the squared number of points.
     points: usize,
     tiles: usize,
     squares: f64,
-    /// The sum of relative errors where the points are.
+    /// The sum of relative errors at the given positions.
     error: f64,
     tried: Vec<AlternativeSums>,
 }
@@ -63,19 +62,19 @@ struct AlternativeSums {
 pub struct Alternative {
     /// Its index.
     pub index: usize,
-    /// Mean leave-one-out error of the points where they are, over their depth.
+    /// Mean leave-one-out error of the points at the given positions, relative to their depth.
     pub error: f64,
-    /// The same at the places of the alternative.
+    /// Mean leave-one-out error at the positions of the alternative, relative to the depth.
     pub error_there: f64,
-    /// The gain in log-likelihood over its standard error.
+    /// The gain in log-likelihood, divided by its standard error.
     pub standard_errors: f64,
-    /// Frames that this is the evidence of.
+    /// Number of frames with evidence.
     pub frames: usize,
 }
 
 impl Alternative {
-    /// Whether the points fit so much better there that chance does not explain it: by 6 standard errors in five frames or
-    /// more, by 9 in fewer, and by 5 % of the error.
+    /// Whether the points match the image significantly better at the alternative positions: by 6 standard errors in five
+    /// frames or more, by 9 in fewer, and by 5 % of the error.
     pub fn is_clear(&self) -> bool {
         is_clear(
             [self.error, self.error_there],
@@ -85,7 +84,7 @@ impl Alternative {
     }
 }
 
-/// Whether the mean error at other places is clearly smaller than where the points are.
+/// Whether the mean error at other positions is clearly smaller than at the given ones.
 pub(crate) fn is_clear(
     [error, error_there]: [f64; 2],
     standard_errors: f64,
@@ -100,10 +99,11 @@ pub(crate) fn is_clear(
 }
 
 impl Scene {
-    /// Compares how well observations predict each other where they are and at alternative places, by one fit each to at most
-    /// 2000 of them. Each list holds the same points in the same order.
+    /// Compares how well observations predict each other at the given and at alternative positions, with one fit each to at
+    /// most 2000 of them. Each list holds the same points in the same order.
     ///
-    /// Points that are outside the image or not usable in one of the lists are left out. Fewer than 100 others are no evidence.
+    /// Points that are outside the image or not usable in one of the lists are skipped. Fewer than 100 remaining points are no
+    /// evidence.
     ///
     /// # Errors
     /// Lists of different lengths, or a damaged network.
@@ -154,7 +154,7 @@ impl Scene {
         self.compared(&of(given), others.len(), |i| of(&others[i]))
     }
 
-    /// The evidence of usable points for alternatives, of which each lists them at other places.
+    /// Returns the evidence of usable points for alternatives; each alternative lists the same points at other positions.
     pub(crate) fn compared(
         &self,
         points: &[Observation],
@@ -169,7 +169,7 @@ impl Scene {
             robust: Some(None),
             ..Changes::default()
         });
-        // Thresholds were chosen on single fits.
+        // Thresholds were chosen for single fits.
         let scene = self.without_mirror().with_fit(alone)?;
         let errors = |points: &[Observation]| -> Result<Vec<f64>> {
             let fit = scene.complete(&points.iter().copied().collect())?;
@@ -190,13 +190,13 @@ impl Scene {
     }
 }
 
-/// The tile of every point of an image of `size` (height, width).
+/// Returns the tile of every point of an image of `size` (height, width).
 pub(crate) fn tiles(points: &[Observation], (height, width): (usize, usize)) -> Vec<usize> {
     let size = [width as f64, height as f64];
     let tile = |point: &Observation| {
         let place = [point.u / size[0], point.v / size[1]];
         let [x, y] = [0, 1].map(|axis| {
-            // Places of pixels begin half a pixel before the image.
+            // The first pixel begins half a pixel before position 0.
             (place[axis].max(0.0) * TILES[axis] as f64) as usize
         });
         y.min(TILES[1] - 1) * TILES[0] + x.min(TILES[0] - 1)
@@ -204,7 +204,7 @@ pub(crate) fn tiles(points: &[Observation], (height, width): (usize, usize)) -> 
     points.iter().map(tile).collect()
 }
 
-/// A random choice of as many as are needed.
+/// Returns a random sample of at most `MOST` elements.
 pub(crate) fn random_sample<T>(mut all: Vec<T>) -> Vec<T> {
     let most = all.len().min(MOST);
     Rng::stream(0, &["alignment"]).choose(&mut all, most);
@@ -225,7 +225,7 @@ impl Comparison {
         }
     }
 
-    /// The evidence of one frame: the tile of every point, its error, and its errors at all alternatives.
+    /// Computes the evidence of one frame from the tile of every point, its error, and its errors at all alternatives.
     pub(crate) fn new(tiles: &[usize], still: &[f64], moved: &[Vec<f64>]) -> Self {
         let known =
             |i: &usize| still[*i].is_finite() && moved.iter().all(|all| all[*i].is_finite());
@@ -292,7 +292,7 @@ impl Comparison {
         let (index, best) = pairs.max_by(|(_, a), (_, b)| a.gain.total_cmp(&b.gain))?;
         let (points, tiles) = (self.points as f64, self.tiles as f64);
         let mean = best.gain / points;
-        // Of the gains of tiles about those that the mean gain of a point would give them.
+        // Deviations of the gains of tiles from their number of points times the mean gain per point.
         let deviations = best.squares - 2.0 * mean * best.products + mean * mean * self.squares;
         let error = (deviations * tiles / (tiles - 1.0))
             .max(f64::MIN_POSITIVE)
@@ -313,8 +313,8 @@ mod tests {
 
     #[test]
     fn the_gain_is_that_of_cauchy_likelihoods_over_its_standard_error_by_tiles() {
-        // Two points of one tile lose their errors, which are those of the scale: 2 ln 2. The mean gain of a point
-        // is ln 2 / 2, from which the sums of the tiles deviate by ln 2.
+        // Two points of one tile lose their errors, which equal the scale: 2 ln 2. The mean gain per point is ln 2 / 2; the
+        // sums of the tiles deviate by ln 2 from it.
         let mut moved = vec![vec![0.1; 4]; 5];
         moved[3] = vec![0.0, 0.0, 0.1, 0.1];
         let found = Comparison::new(&[0, 0, 7, 7], &[0.1; 4], &moved);
@@ -357,7 +357,7 @@ mod tests {
             assert_eq!(less.points(), 240 - 4 * 3);
             let none = scene().compare(&given, &[points(240, 90.0)]).unwrap();
             assert_eq!((none.points(), none.best()), (0, None));
-            // Equal places have equal errors.
+            // Equal positions have equal errors.
             let same = scene()
                 .compare(&given, std::slice::from_ref(&given))
                 .unwrap();

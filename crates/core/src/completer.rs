@@ -45,8 +45,8 @@ pub struct Completer {
     normalisation: Normalisation,
     fit: FitConfig,
     prior: Option<Arc<Prior>>,
-    /// The calibration factor from the standard deviations of the fit to those of the errors, where there is no
-    /// distribution of errors.
+    /// Calibration factor from the standard deviations of the fit to those of the errors, used without a distribution of
+    /// errors.
     deviation: f64,
     /// The distribution of the errors of the joint fit.
     errors: Option<ErrorModel>,
@@ -54,7 +54,7 @@ pub struct Completer {
     pool: Option<Arc<ThreadPool>>,
 }
 
-/// Starts a pool of threads, with one thread per core if `threads` is 0.
+/// Starts a thread pool, with one thread per core if `threads` is 0.
 ///
 /// # Errors
 /// More than 4096 threads; threads that cannot be started.
@@ -110,16 +110,15 @@ impl<'a> CompleterBuilder<'a> {
         self
     }
 
-    /// Resizes images to about as many pixels as this height and width have, keeping their aspect ratio,
-    /// before they enter the network, instead of to the size of the training images. More pixels cost more
-    /// time and resolve more edges.
+    /// Resizes images to about as many pixels as this height and width have, keeping their aspect ratio, before they enter the
+    /// network, instead of to the size of the training images. More pixels take more time and resolve more edges.
     pub fn working_size(mut self, height: usize, width: usize) -> Self {
         self.working_size = Some((height, width));
         self
     }
 
-    /// Uses a thread pool of its own, with one thread per core if `threads` is 0. By default, work runs on the caller's
-    /// pool: the global one of `rayon`, or the one in which the call was installed.
+    /// Uses a separate thread pool, with one thread per core if `threads` is 0. By default, work runs on the caller's pool: the
+    /// global one of `rayon`, or the one in which the call was installed.
     pub fn threads(mut self, threads: usize) -> Self {
         self.threads = Some(threads);
         self.pool = None;
@@ -133,7 +132,7 @@ impl<'a> CompleterBuilder<'a> {
         self
     }
 
-    /// The pretrained encoder that the network was trained on, if it was.
+    /// Sets the pretrained encoder that the network was trained with, if any.
     #[doc(hidden)]
     pub fn encoder(mut self, encoder: Arc<Encoder>) -> Self {
         self.encoder = Some(encoder);
@@ -168,7 +167,7 @@ impl<'a> CompleterBuilder<'a> {
         };
         let network: Arc<dyn Network> = match (self.network, &pool) {
             (Some(network), _) => network,
-            // Working memory is counted by the threads of the pool.
+            // Workspaces are allocated per thread of the pool.
             (None, Some(pool)) => Arc::new(pool.install(prepare)?),
             (None, None) => Arc::new(prepare()?),
         };
@@ -206,7 +205,7 @@ impl<'a> CompleterBuilder<'a> {
 }
 
 impl std::fmt::Debug for Completer {
-    /// Not the numbers, of which there are millions.
+    /// Omits the weights, of which there are millions.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Completer")
             .field("fit", &self.fit)
@@ -317,8 +316,8 @@ impl Completer {
 
     /// The same completer with scenes of another quality, which is [`Quality::Standard`] otherwise.
     ///
-    /// Without a network, the mirror image has the mirrored depths, up to rounding and ties: [`Quality::Best`] then takes
-    /// twice the time for nothing.
+    /// Without a network, the mirror image has the mirrored depths, up to rounding and ties: [`Quality::Best`] then doubles the
+    /// run time without benefit.
     ///
     /// ```
     /// # #[cfg(feature = "weights")]
@@ -345,12 +344,12 @@ impl Completer {
         }
     }
 
-    /// The same completer whose scenes are guided by the prediction of a depth head, if they are given no other guide. The
-    /// head reads the features that the network computes from its encoder, which does not run a second time. An image
-    /// for which it predicts the same everywhere, as of one colour, has no guide.
+    /// The same completer, with scenes guided by the prediction of a depth head unless another guide is given. The head reads
+    /// the features that the network computes with its encoder, so the encoder does not run a second time. An image for which
+    /// the head predicts a constant, such as an image of one colour, has no guide.
     ///
     /// # Errors
-    /// A network without an encoder, or with another one than the head reads.
+    /// The network has no encoder, or not the one that the head was made for.
     #[doc(hidden)]
     pub fn with_depth_head(&self, head: Arc<DepthHead>) -> Result<Self> {
         let encoder = self.network.published_encoder().ok_or_else(|| {
@@ -364,7 +363,7 @@ impl Completer {
         })
     }
 
-    /// The same completer whose scenes have no guide but those that are given to them.
+    /// The same completer without a depth head: scenes have only the guides that are given.
     #[must_use]
     pub fn without_depth_head(&self) -> Self {
         Self {
@@ -378,7 +377,7 @@ impl Completer {
         self.depth_head.is_some()
     }
 
-    /// Whether the network reads an encoder as it was published, so that the depth head of this can guide scenes.
+    /// Whether the network uses an unmodified published encoder, so that its depth head can guide scenes.
     #[doc(hidden)]
     pub fn can_have_depth_head(&self) -> bool {
         self.network.published_encoder().is_some()
@@ -401,9 +400,8 @@ impl Completer {
         }
     }
 
-    /// Frees the memory that is kept for further images: that of the network, and the working memory of fits, which
-    /// all completers of the process share (up to a gigabyte after large images). Call it after the last completion is
-    /// dropped; later completions allocate again.
+    /// Frees cached memory: that of the network, and the workspaces of fits, which all completers of the process share (up to a
+    /// gigabyte after large images). Call it after the last completion is dropped; later completions allocate again.
     pub fn release(&self) {
         self.network.release();
         if let Some(head) = &self.depth_head {

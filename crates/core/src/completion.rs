@@ -31,20 +31,20 @@ struct Inner {
     scene: Scene,
     fit: Fit,
     usable: UsableObservations,
-    /// The correction by dense observations of a map of an image that is larger than the field.
+    /// Correction of the map by dense observations, if the image is larger than the field.
     detail: Option<Detail>,
     report: Report,
     leverages: OnceLock<Vec<f64>>,
-    /// The fitted values at the pixels of the field, before they are converted to depths.
+    /// Fitted values at the pixels of the field, before they are converted to depths.
     values: OnceLock<Vec<f32>>,
-    /// The completion of the mirror image, at [`Quality::Best`](crate::Quality::Best).
+    /// Completion of the mirror image, at [`Quality::Best`](crate::Quality::Best).
     mirror: Option<Completion>,
-    /// The weights of the basis functions, those of the mirror image last.
+    /// Weights of the basis functions, followed by those of the mirror image.
     weights: Vec<f64>,
 }
 
-/// Statistics of a fit. At [`Quality::Best`](crate::Quality::Best), `residual` is that of the mean of two fits, `limited` is
-/// the larger of both, run times are sums, and the others are those of the fit to the image as it is.
+/// Statistics of a fit. At [`Quality::Best`](crate::Quality::Best), `residual` is computed from the mean of both fits,
+/// `limited` is the larger of the two numbers, run times are sums, and all other values describe the fit to the original image.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Report {
@@ -56,13 +56,13 @@ pub struct Report {
     pub invalid: usize,
     /// Number of observations outside the image.
     pub outside: usize,
-    /// Number of used observations without a standard deviation (or one that is 0, negative or not finite) where others
-    /// had one: theirs is that of the observations about the model of depth.
+    /// Number of used observations without a valid standard deviation (missing, 0, negative or not finite) although other
+    /// observations have one. Their standard deviation is taken to be that of the observations about the model of depth.
     pub without_deviation: usize,
-    /// Number of used observations that were smoothed before the fit: each is that of a plane through those around
-    /// it that it agrees with. Observations are smoothed where they are dense and their standard deviations are known.
+    /// Number of used observations that were smoothed before the fit: each is replaced by the value of a plane through the
+    /// nearby observations that agree with it. Smoothing requires dense observations with known standard deviations.
     pub smoothed: usize,
-    /// Number of pixels of the field, in holes of dense depths, at which basis functions contradicted the depths around
+    /// Number of pixels of the field, in holes of dense depths, at which basis functions contradicted the surrounding depths
     /// and were limited.
     pub limited: usize,
     /// The model of depth.
@@ -73,22 +73,21 @@ pub struct Report {
     pub rank: usize,
     /// Number of basis functions of the network, including the constant.
     pub functions: usize,
-    /// The strength of the prior, if there is one: the ratio of the noise variance to the variance of the
-    /// prior.
+    /// Strength of the prior, if there is one: the ratio of the noise variance to the variance of the prior.
     pub lambda: Option<f64>,
-    /// How far the [guide](crate::DepthGuide) was trusted, if there was one: the expected size of the weights of its
-    /// functions, in units of the scene's scale; 0 if the points do not support it.
+    /// Trust in the [guide](crate::DepthGuide), if there was one: the expected size of the weights of its functions, in units
+    /// of the scene's scale; 0 if the points do not support the guide.
     pub guide_trust: Option<f64>,
-    /// How far the map goes from the joint fit of basis functions and field, 0, to the median of this fit, of the field
-    /// alone, and of the surface that the observations span, 1. With up to 1000 observations, their leave-one-out errors
-    /// decide: it is 0 if the joint fit predicts them best. `None` for other fits, and for observations that span no
+    /// Share of the median in the map: 0 is the joint fit of basis functions and field; 1 is the median of this fit, of the
+    /// field alone, and of the surface spanned by the observations. With up to 1000 observations, it is chosen by their
+    /// leave-one-out errors, and 0 if the joint fit predicts them best. `None` for other fits, and if the observations span no
     /// surface.
     pub median_share: Option<f64>,
     /// Run time of the network.
     pub network: Duration,
     /// Run time of the fit, including the evaluation of the basis functions at the observations, and `field`.
     pub fit: Duration,
-    /// Run time of factorising the field of the image, which only the first completion of a scene does.
+    /// Run time of factorising the field of the image, in the first completion of a scene only.
     pub field: Duration,
     /// Run time of the solver alone.
     pub solve: Duration,
@@ -102,17 +101,17 @@ pub struct Outlier {
     pub index: usize,
     /// The probability that it is an outlier.
     pub probability: f64,
-    /// The distance from the value predicted by the other observations, in the scale of the errors of inliers
-    /// there; positive where the observation is farther away.
+    /// The distance from the value predicted by the other observations, in the local scale of the errors of inliers; positive
+    /// where the observation is farther away.
     pub score: f64,
     /// Its depth minus the depth predicted by the other observations.
     pub error: f64,
-    /// The weight that it kept in a robust fit.
+    /// The weight of the observation in a robust fit.
     pub weight: f64,
 }
 
 impl std::fmt::Debug for Completion {
-    /// Not the numbers, of which there are millions.
+    /// Omits the values, of which there are millions.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Completion")
             .field("report", self.report())
@@ -120,7 +119,7 @@ impl std::fmt::Debug for Completion {
     }
 }
 
-/// The residuals of the map: those of the fit, unless observations were smoothed before it, or the map has detail.
+/// Returns the residuals of the map: those of the fit, unless observations were smoothed before it, or the map has detail.
 fn residuals<'a>(
     fit: &'a Fit,
     usable: &UsableObservations,
@@ -224,9 +223,9 @@ impl Completion {
         self.depth_at(width, height)
     }
 
-    /// The dense depth at another size. In an image that is larger than what the network sees, the depth that was
-    /// solved is read at every pixel along the edges of the image (with the colours of the image at the same
-    /// position); otherwise basis functions and field are evaluated at that resolution.
+    /// The dense depth at another size. In an image larger than the working size of the network, depth is interpolated at every
+    /// pixel along the edges of the image (using the colours of the image at the same position); otherwise basis functions and
+    /// field are evaluated at the requested resolution.
     ///
     /// # Errors
     /// An implausible size, or a network on a device that has failed.
@@ -236,7 +235,7 @@ impl Completion {
         DepthMap::new(width, height, values)
     }
 
-    /// Writes the dense depth into a buffer of the caller, whose rows start `stride` values apart.
+    /// Writes the dense depth into a buffer of the caller. Rows start `stride` values apart.
     ///
     /// # Errors
     /// An implausible size, rows that overlap, a buffer that is too short, or a network on a device that has failed; the
@@ -309,7 +308,7 @@ impl Completion {
             .collect()
     }
 
-    /// A map with `width` columns: that of this fit, or the mean with that of the fit to the mirror image.
+    /// Returns a map with `width` columns: the map of this fit, or its mean with the map of the fit to the mirror image.
     pub(crate) fn averaged_map(
         &self,
         width: usize,
@@ -323,13 +322,13 @@ impl Completion {
         Ok(map)
     }
 
-    /// A number for every given observation: that of this fit, or the mean with that of the fit to the mirror image; NaN for
-    /// those that were not used.
+    /// Returns one value per given observation: that of this fit, or its mean with that of the fit to the mirror image; NaN for
+    /// unused observations.
     fn averaged(&self, own: impl Fn(&Self) -> Vec<f64>) -> Vec<f64> {
         self.0.usable.scatter(&self.averaged_usable(own))
     }
 
-    /// The same for every usable observation.
+    /// Like [`Self::averaged`], but for usable observations only.
     fn averaged_usable(&self, own: impl Fn(&Self) -> Vec<f64>) -> Vec<f64> {
         let mut values = own(self);
         if let Some(mirror) = &self.0.mirror {
@@ -346,7 +345,7 @@ impl Completion {
     }
 
     /// The number of pixels of a [map](Self::depth_at) of this completion that are clamped to [`Self::limits`]. At
-    /// [`Quality::Best`](crate::Quality::Best), a pixel counts if either fit clamps it: the mean may lie within the limits.
+    /// [`Quality::Best`](crate::Quality::Best), a pixel counts if either fit clamps it, even if the mean is within the limits.
     #[doc(hidden)]
     pub fn clamped_pixels(&self, map: &DepthMap) -> usize {
         let (low, high) = self.limits();
@@ -363,7 +362,7 @@ impl Completion {
             .count()
     }
 
-    /// The dense depth of this fit alone, if the device of the network has not failed.
+    /// Returns the dense depth of this fit alone, or an error if the device of the network has failed.
     fn finite(&self, size: (usize, usize)) -> Result<Vec<f32>> {
         let values = self.dense(size);
         if values.iter().any(|value| value.is_nan()) {
@@ -372,7 +371,7 @@ impl Completion {
         Ok(values)
     }
 
-    /// The dense depth of this fit alone; NaN where the device of the network has failed.
+    /// Returns the dense depth of this fit alone; NaN if the device of the network has failed.
     pub(crate) fn dense(&self, size: (usize, usize)) -> Vec<f32> {
         let Inner { scene, detail, .. } = &*self.0;
         scene.completer().run(|| {
@@ -391,9 +390,9 @@ impl Completion {
         })
     }
 
-    /// The depths before they are clamped, at a size at which the equations hold. Those at the pixels of the field are kept.
+    /// Returns the depths before clamping, at a size at which the equations hold. Depths at the pixels of the field are cached.
     fn solved(&self, size: (usize, usize)) -> Cow<'_, [f32]> {
-        /// Pixels of a field whose values are kept.
+        /// Largest number of pixels of a field whose values are cached.
         const MOST: usize = 1 << 18;
         let Inner {
             scene, fit, values, ..
@@ -413,7 +412,7 @@ impl Completion {
         }
     }
 
-    /// For every given observation, its depth minus the fitted depth, before clamping; NaN for those that were not used.
+    /// For every given observation, its depth minus the fitted depth before clamping; NaN for unused observations.
     pub fn residuals(&self) -> Vec<f64> {
         self.averaged(|own| own.own_residuals().into_owned())
     }
@@ -429,22 +428,21 @@ impl Completion {
         residuals(fit, usable, detail.as_ref())
     }
 
-    /// For every given observation, its depth minus the depth predicted by a fit to all other observations
-    /// (the leave-one-out error, in closed form: Allen 1974); NaN for those that were not used, and for those
-    /// that the fit passes through whatever their depths are. The root mean square (the PRESS error) estimates
-    /// the error of the depth between the points without ground truth, if the points are distributed like the
-    /// pixels.
+    /// For every given observation, its depth minus the depth predicted by a fit to all other observations (the leave-one-out
+    /// error, in closed form: Allen 1974); NaN for unused observations, and for observations that the fit interpolates exactly
+    /// for any depths. The root mean square (the PRESS error) estimates the depth error at pixels without observations, if the
+    /// points are distributed like the pixels.
     pub fn leave_one_out(&self) -> Vec<f64> {
         self.averaged(Self::left_out)
     }
 
-    /// The leave-one-out errors of the usable observations in this fit alone, and where they are dense in the map that
-    /// follows each of them.
+    /// Returns the leave-one-out errors of the usable observations in this fit alone; for dense observations, those of the map,
+    /// which follows each of them.
     fn left_out(&self) -> Vec<f64> {
         self.left_out_of_every(1)
     }
 
-    /// As [`Self::left_out`], of every `step`th observation.
+    /// Like [`Self::left_out`], for every `step`th observation.
     fn left_out_of_every(&self, step: usize) -> Vec<f64> {
         let Inner {
             scene, fit, usable, ..
@@ -470,7 +468,7 @@ impl Completion {
         })
     }
 
-    /// The residuals of the observations in each pixel, where they are dense.
+    /// Returns the residuals of the observations in each pixel, if observations are dense.
     fn pixel_residuals(&self) -> Option<(&PixelResiduals, &Upsampling)> {
         let Inner { scene, detail, .. } = &*self.0;
         Some((detail.as_ref()?.pixel_residuals(), scene.upsampling()?))
@@ -479,7 +477,7 @@ impl Completion {
     /// Reduces standard deviations of the fit, a map of `size` (height, width), where the map follows dense
     /// observations.
     pub(crate) fn reduce_deviations(&self, size: (usize, usize), deviations: &mut [f32]) {
-        /// Observations whose errors scale the deviations.
+        /// Largest number of observations whose errors scale the deviations.
         const SAMPLE: usize = 20_000;
         if let Some((pixel_residuals, upsampling)) = self.pixel_residuals() {
             let places = &self.0.usable.places;
@@ -490,27 +488,26 @@ impl Completion {
         }
     }
 
-    /// Root mean square of the leave-one-out errors; `None` if no observation has one, because the fit
-    /// passes through all of them whatever their depths are.
+    /// Root mean square of the leave-one-out errors; `None` if no observation has one, because the fit interpolates all of them
+    /// exactly for any depths.
     pub fn leave_one_out_error(&self) -> Option<f64> {
         let mut errors = self.averaged_usable(Self::left_out);
         errors.retain(|error| !error.is_nan());
         (!errors.is_empty()).then(|| root_mean_square(&errors))
     }
 
-    /// The final weight of every given observation, which is 1 in a plain fit without standard deviations, and
-    /// less the larger its own standard deviation is; NaN for those that were not used.
+    /// The final weight of every given observation, which is 1 in a plain fit without standard deviations, and smaller for
+    /// observations with larger standard deviations; NaN for unused observations.
     pub fn point_weights(&self) -> Vec<f64> {
         self.averaged(|own| own.0.fit.point_weights.clone())
     }
 
-    /// The observations that are more likely outliers than inliers, worst first. Each is compared
-    /// with its prediction by the others, whose standard deviation depends on their distances and on the edges of
-    /// the image between them. At [`Quality::Best`](crate::Quality::Best), the probability is the mean of those in the image
-    /// and in its mirror image.
+    /// The observations that are more likely outliers than inliers, worst first. Each is compared with its prediction from the
+    /// others. The standard deviation of this prediction depends on their distances and on the edges of the image between them.
+    /// At [`Quality::Best`](crate::Quality::Best), the probability is the mean of those in the image and in its mirror image.
     ///
     /// # Errors
-    /// Equations that cannot be solved, or a damaged network.
+    /// The equations cannot be solved, or the network is damaged.
     pub fn outliers(&self) -> Result<Vec<Outlier>> {
         let Inner { usable, mirror, .. } = &*self.0;
         let mut posteriors = self.scene().inlier_posteriors(usable)?;
@@ -540,9 +537,9 @@ impl Completion {
         Ok(found)
     }
 
-    /// The weights of the basis functions, with that of the constant or of the image's map first, followed by those of
-    /// the cosine basis, as taken by [`Scene::complete_near`]. At [`Quality::Best`](crate::Quality::Best), those of the fit to
-    /// the mirror image follow.
+    /// The weights of the basis functions: first that of the constant (or of the map that replaces it), then those of the other
+    /// functions and of the cosine basis, as taken by [`Scene::complete_near`]. At [`Quality::Best`](crate::Quality::Best), the
+    /// weights of the fit to the mirror image follow.
     pub fn weights(&self) -> &[f64] {
         &self.0.weights
     }

@@ -1,4 +1,4 @@
-//! Depth Anything V2 (Yang et al. 2024): relative inverse depth of an image alone, as a guide.
+//! Depth Anything V2 (Yang et al. 2024): relative inverse depth predicted from the image alone, as a guide.
 
 use crate::depth_guide::{DepthGuide, GuideKind};
 use crate::error::{Result, SettingsError};
@@ -46,7 +46,7 @@ struct Inner {
 }
 
 impl std::fmt::Debug for DepthAnything {
-    /// Without the numbers, of which there are millions.
+    /// Omits the weights, of which there are millions.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("DepthAnything")
             .field("encoder", self.0.encoder.config())
@@ -54,18 +54,18 @@ impl std::fmt::Debug for DepthAnything {
     }
 }
 
-/// The longer side of the image that the network reads is at most so many times the shorter one.
+/// Largest aspect ratio of the network's input.
 const MOST_ASPECT: usize = 8;
 
 impl DepthAnything {
-    /// The default of the shorter side of the image that the network reads, in pixels: images of 4:3 are as large as those
-    /// that the weights `anything` read.
+    /// The default shorter side of the network's input, in pixels: images of 4:3 are then as large as the input of the weights
+    /// `anything`.
     pub const SHORT_SIDE: usize = 336;
     /// The shorter sides that can be used; the published network was trained at the largest.
     pub const SHORT_SIDES: RangeInclusive<usize> = 252..=518;
 
-    /// Prepares the network from the tensors of its encoder by `DINOv2`'s names (`blocks.0.attn.qkv.weight`), and from those
-    /// of its head by their published names (`depth_head.projects.0.weight`).
+    /// Prepares the network from the tensors of its encoder by their names in `DINOv2` (`blocks.0.attn.qkv.weight`), and from
+    /// the tensors of its head by their published names (`depth_head.projects.0.weight`).
     ///
     /// # Errors
     /// Tensors that are missing, superfluous or of the wrong shape.
@@ -78,10 +78,10 @@ impl DepthAnything {
         Self::with_parts(Arc::new(encoder), DepthHead::new(head, level)?)
     }
 
-    /// The same of parts that are prepared already.
+    /// Combines an encoder and a head that are already prepared.
     ///
     /// # Errors
-    /// A head that does not read the taps of the encoder.
+    /// The head does not match the taps of the encoder.
     #[doc(hidden)]
     pub fn with_parts(encoder: Arc<Encoder>, head: DepthHead) -> Result<Self> {
         head.check(encoder.config())?;
@@ -100,8 +100,7 @@ impl DepthAnything {
     /// multiples of 14 pixels, its shorter side to about `short_side`, one of [`Self::SHORT_SIDES`].
     ///
     /// # Errors
-    /// A short side out of range, colours that are not finite, or a prediction that is the same everywhere, as of an image
-    /// of one colour.
+    /// A short side out of range, colours that are not finite, or a constant prediction, as for an image of one colour.
     pub fn predict(&self, image: &Image<'_>, short_side: usize) -> Result<DepthGuide> {
         let (values, (height, width)) = self.inverse_depth(image, short_side)?;
         DepthGuide::new(GuideKind::Disparity, width, height, &values)
@@ -122,7 +121,7 @@ impl DepthAnything {
         let (rows, columns) = patches(size, short_side);
         let input = (rows * PATCH, columns * PATCH);
         let colours = resized_colours_cubic(&image.rgb()?, size, input)?;
-        // Of ImageNet, as in the published network.
+        // The statistics of ImageNet, as in the published network.
         let Normalisation {
             mean, deviation, ..
         } = Normalisation::default();
@@ -144,14 +143,14 @@ impl DepthAnything {
         Err(SettingsError::new(what))
     }
 
-    /// Frees the memory that is kept for further images.
+    /// Frees cached memory.
     pub fn release(&self) {
         self.0.encoder.release();
         self.0.head.release();
     }
 }
 
-/// Rows and columns of patches that an image of a height and width is resized to.
+/// Returns rows and columns of patches to which an image of this height and width is resized.
 fn patches((height, width): (usize, usize), short_side: usize) -> (usize, usize) {
     let shorter = height.min(width).max(1) as f64;
     let count = |length: usize| {
@@ -173,7 +172,7 @@ mod tests {
             ((640, 480), 336, (32, 24)),
             ((352, 1216), 252, (18, 62)),
             ((14, 14), 518, (37, 37)),
-            // As the published code rounds: 518 / 14 and 518 * 1216 / 352 / 14.
+            // Rounded as in the published code: 518 / 14 and 518 * 1216 / 352 / 14.
             ((352, 1216), 518, (37, 128)),
             ((1, 100_000), 336, (24, 8 * 24)),
         ] {

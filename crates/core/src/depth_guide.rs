@@ -1,4 +1,4 @@
-//! A dense prediction of depth by other means, as more basis functions.
+//! A dense prediction of depth by other means, used as additional basis functions.
 
 use crate::bilinear::InterpolationWeights;
 use crate::ensemble::mirrored;
@@ -9,23 +9,23 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// What the values of a guide mean, each up to scale and shift.
+/// The meaning of the values of a guide, each up to scale and shift.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GuideKind {
-    /// Depths, above 0; as of metric networks, of photogrammetry, or of yesterday.
+    /// Depths above 0, for example from metric networks, photogrammetry, or an earlier recording.
     #[default]
     Depth,
-    /// Inverse depths: larger is nearer; as of `MiDaS` and Depth Anything.
+    /// Inverse depths: larger is nearer, as predicted by `MiDaS` and Depth Anything.
     Disparity,
-    /// Logarithms of depths, of any base.
+    /// Logarithms of depths, to any base.
     Log,
 }
 
 /// A dense prediction of depth for an image, by any other network or program.
 ///
-/// It becomes basis functions: a constant, the depths that it stands for under some shifts, and the first of these times
-/// low cosines. The fit finds their weights, so neither unit, scale nor shift need be known; how far the guide is to be
-/// trusted follows from the points. Where the guide has a step, the affinity of neighbouring pixels is lower.
+/// It is converted to basis functions: a constant, the depths that it represents under several shifts, and the first of these
+/// multiplied by low-frequency cosines. The fit estimates their weights, so neither unit, scale nor shift need be known; the
+/// points determine how much the guide is trusted. The affinity of neighbouring pixels is reduced where the guide has a step.
 ///
 /// ```
 /// use lsdc_core::{DepthGuide, GuideKind};
@@ -51,22 +51,21 @@ struct Inner {
     missing: usize,
 }
 
-/// Frequencies across and down of the cosines that the first function is multiplied by.
+/// Frequencies along x and y of the cosines that multiply the first function.
 const COSINES: [(f64, f64); 5] = [(1.0, 0.0), (0.0, 1.0), (2.0, 0.0), (1.0, 1.0), (0.0, 2.0)];
-/// How much less than the functions themselves their products with cosines are expected to weigh.
+/// Expected weights of the products with cosines, relative to those of the functions themselves.
 const PRODUCTS: f32 = 0.3;
 /// The step between neighbours that halves their affinity, in standard deviations of the first function.
 const STEP: f64 = 0.2;
-/// Values are kept within this factor of their median.
+/// Values are clamped to this factor from their median.
 const EXTREME: f64 = 50.0;
 
 impl DepthGuide {
-    /// A guide of any size from `height` rows of `width` values. Where values are not finite, or depths not above 0,
-    /// there is no prediction: the gap is filled from its sides. Depths further than a factor of 50 from their median
-    /// count as that far.
+    /// A guide of any size from `height` rows of `width` values. Values that are not finite, and depths that are not above 0,
+    /// are missing: gaps are filled from both sides. Depths further than a factor of 50 from their median are clamped.
     ///
     /// # Errors
-    /// The number of values is not `width * height`, the guide is empty, or all of its values are missing or the same.
+    /// The number of values is not `width * height`, the guide is empty, or all of its values are missing or equal.
     pub fn new(kind: GuideKind, width: usize, height: usize, values: &[f32]) -> Result<Self> {
         check_length(width, height, values.len())?;
         let usable = |v: f32| v.is_finite() && (kind != GuideKind::Depth || v > 0.0);
@@ -155,7 +154,7 @@ impl DepthGuide {
         rows
     }
 
-    /// The share of its affinity that each pixel of a grid keeps with its right neighbour, and with the one below,
+    /// Returns the share of its affinity to its right neighbour, and to the one below, that each pixel of a grid keeps,
     /// `[height, width, 2]`: less where the guide has a step.
     pub(crate) fn affinity_shares(&self, (height, width): (usize, usize)) -> Vec<f64> {
         let line = |y: usize| {
@@ -181,7 +180,7 @@ impl DepthGuide {
         (0..height * width).flat_map(pixel).collect()
     }
 
-    /// Adds the functions times weights to a map of `size` (height, width).
+    /// Adds the weighted sum of the functions to a map of `size` (height, width).
     pub(crate) fn add_to(&self, size: (usize, usize), weights: &[f64], map: &mut [f32]) {
         let rows = map.par_chunks_exact_mut(size.1.max(1)).enumerate();
         rows.for_each(|(y, row)| {
@@ -196,7 +195,7 @@ impl DepthGuide {
 }
 
 impl GuideKind {
-    /// Maps that depth may be a combination of with a constant, the likeliest first.
+    /// Returns maps whose linear combination with a constant may be the depth, the likeliest first.
     fn depths(self, values: &[f32]) -> Vec<Vec<f64>> {
         let middle = median(values.iter().map(|&v| f64::from(v)));
         let each = |of: &dyn Fn(f64) -> f64| values.iter().map(|v| of(f64::from(*v))).collect();
@@ -210,7 +209,7 @@ impl GuideKind {
                 ]
             }
             Self::Disparity => {
-                // Between 0 and 1 but for the nearest, so that shifts are shares of what is in the image.
+                // Between 0 and 1 except for the nearest, so that shifts are relative to the range in the image.
                 let (low, high) = range(values);
                 let ratio = |v: f64| ((v - low) / (high - low)).max(0.0);
                 let shifted = |shift: f64| each(&|v: f64| (ratio(v) + shift).recip());
@@ -226,7 +225,7 @@ impl GuideKind {
     }
 }
 
-/// The values that 2 and 98 % are below.
+/// Returns the 2 % and 98 % quantiles.
 fn range(values: &[f32]) -> (f64, f64) {
     let mut sorted = values.to_vec();
     sorted.sort_by(f32::total_cmp);
@@ -235,7 +234,7 @@ fn range(values: &[f32]) -> (f64, f64) {
     (low, if high > low { high } else { low + 1.0 })
 }
 
-/// Maps with mean 0 and mean square 1, those that are constant left out.
+/// Scales maps to mean 0 and mean square 1; constant maps are dropped.
 fn standardised(maps: Vec<Vec<f64>>) -> Vec<Vec<f32>> {
     let standardise = |map: Vec<f64>| {
         let count = map.len() as f64;
@@ -249,8 +248,8 @@ fn standardised(maps: Vec<Vec<f64>>) -> Vec<Vec<f32>> {
     maps.into_iter().filter_map(standardise).collect()
 }
 
-/// Values in the place of those that are missing: between the nearest to the left and right, or, in rows without any,
-/// those of the row above, or below. Nothing if all are missing.
+/// Fills missing values: by interpolation between the nearest values to the left and right, or, in rows without values, from
+/// the row above or below. `None` if all are missing.
 fn filled(values: Vec<Option<f32>>, width: usize) -> Option<Vec<f32>> {
     let rows: Vec<Option<Vec<f32>>> = values.chunks(width).map(between).collect();
     let mut last = rows.iter().flatten().next()?;
@@ -262,7 +261,7 @@ fn filled(values: Vec<Option<f32>>, width: usize) -> Option<Vec<f32>> {
     Some(filled)
 }
 
-/// A row with its gaps filled linearly; nothing if it is all gap.
+/// Fills the gaps of a row linearly; `None` if it has no values.
 fn between(row: &[Option<f32>]) -> Option<Vec<f32>> {
     let known: Vec<(usize, f32)> = row
         .iter()
@@ -287,7 +286,7 @@ mod tests {
 
     #[test]
     fn steps_of_a_guide_loosen_its_neighbours() {
-        // Two halves, one standard deviation to either side of their mean.
+        // Two halves, each one standard deviation from the mean.
         let values = [1.0, 1.0, 3.0, 3.0].repeat(2);
         let guide = DepthGuide::new(GuideKind::Depth, 4, 2, &values).unwrap();
         let across = (1.0 + (2.0 / STEP).powi(2)).recip();

@@ -1,6 +1,7 @@
-//! Dense observations at a higher resolution than the grid that depth is solved on. Where an image is larger than this
-//! grid and many of its pixels are observed, several of them share a pixel of the grid, and a map that is read from it
-//! can follow only their mean. Here the map follows each, and their neighbours by likeness.
+//! Dense observations at a higher resolution than the grid of the field. If an image is larger than this grid and many of its
+//! pixels are observed, several of them share a pixel of the grid, and a map that is interpolated from it can follow only their
+//! mean. The correction in this module makes the map follow each observed pixel, and corrects its neighbours according to their
+//! similarity.
 
 use crate::bilinear::InterpolationWeights;
 use crate::fit::SmoothField;
@@ -10,12 +11,12 @@ use rayon::prelude::*;
 
 /// Pixels on each side of the window.
 const REACH: usize = 2;
-/// The share of pixels in the window that are observed where observations are dense.
+/// Least share of observed pixels in the window where observations count as dense.
 const DENSE: f64 = 0.25;
-/// The standard deviation of the window, in pixels. Of 0.6 to 2 on depth maps of which a tenth or a half was held
+/// Standard deviation of the window, in pixels. Chosen from 0.6 to 2 on depth maps with a tenth or a half of the pixels held
 /// back.
 const SPREAD: f32 = 0.65;
-/// The weight of a residual of 0 that observations are averaged with.
+/// Weight of a residual of 0 that is included in the mean of the observations.
 const NOTHING: f32 = 0.01;
 
 /// The mean residual of the observations in a pixel, and their weight.
@@ -25,14 +26,14 @@ struct PixelResidual {
     weight: f32,
 }
 
-/// The residuals of dense observations, pixel by pixel.
+/// Residuals of dense observations at each pixel.
 #[derive(Debug)]
 pub(crate) struct PixelResiduals {
-    /// One for each pixel of the image.
+    /// One mean residual for each pixel of the image.
     values: Vec<PixelResidual>,
     height: usize,
     width: usize,
-    /// The weight of a pixel of the window by the square of its distance.
+    /// Weights in the window, by squared distance.
     near: [f32; 2 * REACH * REACH + 1],
 }
 
@@ -41,8 +42,7 @@ pub(crate) struct PixelResiduals {
 pub(crate) struct Detail {
     pixel_residuals: PixelResiduals,
     added: SmoothField,
-    /// The nearest and the farthest depth observed around each pixel that is not observed itself: following these, a
-    /// map goes no farther.
+    /// Smallest and largest depth observed around each unobserved pixel; the correction does not move the map beyond them.
     limits: Vec<[f32; 2]>,
 }
 
@@ -50,8 +50,8 @@ pub(crate) struct Detail {
 const ANY: [f32; 2] = [f32::NEG_INFINITY, f32::INFINITY];
 
 impl PixelResiduals {
-    /// Residuals and weights (0 to 1) of observations at `places` of an image of `size` (height, width); `None` if they
-    /// are nowhere dense.
+    /// From residuals and weights (0 to 1) of observations at `places` of an image of `size` (height, width); `None` if they
+    /// are dense nowhere.
     pub(crate) fn new(
         (height, width): (usize, usize),
         places: &[[f64; 2]],
@@ -110,7 +110,7 @@ impl PixelResiduals {
         })
     }
 
-    /// The correction of a pixel with this residual of its own: that by its weight, and that of its neighbours otherwise.
+    /// Returns the correction of a pixel: a mean of its own residual, by its weight, and of the mean of its neighbours.
     /// Residuals of neighbours in `cell` are `shift` larger.
     fn correction(
         &self,
@@ -132,7 +132,7 @@ impl PixelResiduals {
         weight * own.value + (1.0 - weight) * sum / total
     }
 
-    /// Whether there are residuals in the window around each pixel of a row.
+    /// Returns, for each pixel of a row, whether the window around it contains residuals.
     fn beside(&self, y: usize) -> impl Iterator<Item = bool> + use<> {
         let rows = y.saturating_sub(REACH)..(y + REACH + 1).min(self.height);
         let mut columns = vec![false; self.width];
@@ -147,7 +147,7 @@ impl PixelResiduals {
         })
     }
 
-    /// Column and row, residual and share of every other observed pixel around one.
+    /// Returns column and row, residual and share of every other observed pixel around a pixel.
     fn neighbours(
         &self,
         upsampling: &Upsampling,
@@ -167,7 +167,7 @@ impl PixelResiduals {
         });
     }
 
-    /// How far the map follows observations at a pixel, from 0 (it is that of the fit) to 1.
+    /// Returns the degree to which the map follows observations at a pixel, from 0 (the map of the fit) to 1.
     fn followed(&self, upsampling: &Upsampling, pixel: usize) -> f32 {
         let weight = self.values[pixel].weight.min(1.0);
         let mut total = 0.0;
@@ -175,9 +175,9 @@ impl PixelResiduals {
         weight + (1.0 - weight) * total / (total + NOTHING)
     }
 
-    /// Reduces standard deviations of the fit, a map of `size` (height, width), to those of the map that follows
-    /// observations. `errors` are leave-one-out errors of that map at the `places` of the observations: `SHARE` of them lie
-    /// within the reduced deviations, as within one standard deviation. Deviations never grow.
+    /// Reduces standard deviations of the fit, a map of `size` (height, width), to those of the map that follows observations.
+    /// `errors` are leave-one-out errors of that map at the `places` of the observations: a share `SHARE` of them is within the
+    /// reduced deviations, as within one standard deviation. Deviations never increase.
     pub(crate) fn reduce(
         &self,
         upsampling: &Upsampling,
@@ -187,10 +187,10 @@ impl PixelResiduals {
     ) {
         /// The share of a normal distribution within one standard deviation.
         const SHARE: f64 = 0.6827;
-        /// With fewer errors, deviations stay.
+        /// Least number of errors for which deviations are reduced.
         const FEW: usize = 100;
         let own = (self.height, self.width);
-        // The pixel of the map over the centre of one of the image.
+        // Returns the pixel of the map that contains the centre of a pixel of the image.
         let over = |i: usize, own: usize, size: usize| (2 * i + 1) * size / (2 * own);
         let deviation = |place| {
             let pixel = pixel(place, own);
@@ -218,9 +218,9 @@ impl PixelResiduals {
         });
     }
 
-    /// The leave-one-out error of an observation at `place` with this residual, weight, and leave-one-out error of the
-    /// fit: what the map would be off there without it. To first order: of the residuals of other pixels, only those in
-    /// the same pixel of the grid change, whose mean the fit follows.
+    /// Returns the leave-one-out error of the map at an observation at `place` with this residual, weight, and leave-one-out
+    /// error of the fit. This is a first-order approximation: only residuals in the same pixel of the grid change, because the
+    /// fit follows their mean.
     pub(crate) fn left_out(
         &self,
         upsampling: &Upsampling,
@@ -232,7 +232,7 @@ impl PixelResiduals {
         if all.weight == 0.0 {
             return error;
         }
-        // Others in the pixel.
+        // Other observations in the pixel.
         let shift = (error - residual) as f32;
         let weight = weight as f32;
         let others = all.weight - weight;
@@ -250,8 +250,8 @@ impl PixelResiduals {
 }
 
 impl Detail {
-    /// What is added to a map that is read with `upsampling`, for observations at `places` with these depths. A pixel that
-    /// is observed with weight 1 gets its mean residual.
+    /// Returns the correction of a map that is interpolated with `upsampling`, for observations at `places` with these depths.
+    /// A pixel that is observed with weight 1 gets its mean residual.
     pub(crate) fn new(
         upsampling: &Upsampling,
         pixel_residuals: PixelResiduals,
@@ -271,7 +271,7 @@ impl Detail {
         rows.enumerate().each(|(y, (added, limits))| {
             let beside = pixel_residuals.beside(y);
             let pixels = added.iter_mut().zip(limits).zip(beside).zip(y * size.1..);
-            // Without observations nearby, nothing is added.
+            // Pixels without observations nearby are not corrected.
             for (((added, limits), _), pixel) in pixels.filter(|((_, beside), _)| *beside) {
                 let own = pixel_residuals.values[pixel];
                 *added = pixel_residuals.correction(upsampling, pixel, own, (0.0, None));
@@ -299,7 +299,7 @@ impl Detail {
         &self.pixel_residuals
     }
 
-    /// Adds it to a map of depths of `size` (height, width).
+    /// Adds the correction to a map of depths of `size` (height, width).
     pub(crate) fn add_to(&self, size: (usize, usize), depths: &mut [f32]) {
         let mut added = vec![0.0; depths.len()];
         self.added.add_to(size, &mut added);
@@ -316,7 +316,7 @@ impl Detail {
         });
     }
 
-    /// The depth at a place of the image where it is `depth` without this.
+    /// Returns the corrected depth at a position of the image, where it is `depth` without the correction.
     pub(crate) fn at(&self, place: [f64; 2], depth: f64) -> f64 {
         let size = self.added.size();
         let added = self
@@ -327,18 +327,18 @@ impl Detail {
     }
 }
 
-/// The sum, which is not beyond the limits unless the first is.
+/// Returns the sum, which exceeds the limits only if `depth` does.
 fn limited(depth: f32, added: f32, [low, high]: [f32; 2]) -> f32 {
     (depth + added).clamp(low.min(depth), high.max(depth))
 }
 
-/// The pixel of an image of `size` (height, width) that a position is in.
+/// Returns the pixel of an image of `size` (height, width) that contains a position.
 fn pixel([u, v]: [f64; 2], (height, width): (usize, usize)) -> usize {
     let within = |place: f64, length: usize| ((place + 0.5).max(0.0) as usize).min(length - 1);
     within(v, height) * width + within(u, width)
 }
 
-/// The pixels around one.
+/// The pixels around a pixel.
 struct Neighbourhood {
     pixel: (usize, usize),
     width: usize,
@@ -357,7 +357,7 @@ impl Neighbourhood {
         }
     }
 
-    /// Column and row, index and square of the distance of every pixel.
+    /// Visits every pixel with its column and row, index and squared distance.
     fn each(&self, mut visit: impl FnMut([usize; 2], usize, usize)) {
         for y in self.rows.clone() {
             for x in self.columns.clone() {
@@ -380,14 +380,14 @@ mod tests {
         Upsampling::new(grey(SIZE), grey((10, 15))).unwrap()
     }
 
-    /// Residuals that no smooth field has, at every `step`th pixel.
+    /// Returns residuals that no smooth field can fit, at every `step`th pixel.
     fn observed(step: usize) -> (Vec<[f64; 2]>, Vec<f64>) {
         let pixels = (0..SIZE.0 * SIZE.1).step_by(step);
         let place = |i: usize| [(i % SIZE.1) as f64, (i / SIZE.1) as f64];
         pixels.map(|i| (place(i), (i as f64 * 2.3).sin())).unzip()
     }
 
-    /// What is added to a map of 5 m, whose observations are off by these residuals.
+    /// Returns the correction of a map of 5 m with these residuals at the observations.
     fn detail(places: &[[f64; 2]], residuals: &[f64], weights: &[f64]) -> Option<Detail> {
         let pixel_residuals = PixelResiduals::new(SIZE, places, residuals, weights)?;
         let depths: Vec<f32> = residuals.iter().map(|r| (5.0 + r) as f32).collect();
@@ -427,7 +427,8 @@ mod tests {
         }
     }
 
-    /// Of the errors, 68.27 % lie within the reduced deviation: uniform errors up to 1 of a deviation of 2 make it 0.6827.
+    /// Shares of the errors, 68.27 %, are within the reduced deviation: for uniform errors up to 1, a deviation of 2 becomes
+    /// 0.6827.
     #[test]
     fn deviations_are_those_of_the_errors_where_observations_are_followed() {
         // The left half of the image is observed.
@@ -448,7 +449,7 @@ mod tests {
             assert!((at(5, 8) - 0.6827).abs() < 0.01, "{}", at(5, 8));
             assert!((at(15, 8) - 0.6827).abs() < 0.05, "{}", at(15, 8));
             assert_eq!(at(25, 8), 2.0);
-            // Larger errors than deviations change nothing.
+            // Errors larger than the deviations change nothing.
             let large: Vec<f64> = errors.iter().map(|error| 100.0 + error).collect();
             let before = deviations.clone();
             pixel_residuals.reduce(&upsampling(), (&places, &large), size, &mut deviations);
@@ -458,7 +459,7 @@ mod tests {
 
     #[test]
     fn every_pixel_with_observations_nearby_is_corrected() {
-        // Three rows of three at a corner and within the image.
+        // Blocks of 3x3 pixels at a corner and within the image.
         let block = |x: usize, y: usize| (0..9).map(move |i| [x + i % 3, y + i / 3]);
         let places = block(0, 0).chain(block(12, 9)).chain(block(27, 17));
         let places: Vec<[f64; 2]> = places.map(|place| place.map(|v| v as f64)).collect();
@@ -486,7 +487,7 @@ mod tests {
     fn the_order_of_observations_changes_no_bit() {
         let (mut places, mut residuals) = observed(1);
         for i in 0..200 {
-            // Up to four more in a pixel.
+            // Up to four more observations per pixel.
             places.push([places[i % 50][0] + 0.1 * (i / 50) as f64, places[i % 50][1]]);
             residuals.push((i as f64 * 0.7).cos());
         }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// How much work goes into a completion.
+/// The amount of work for a completion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Quality {
@@ -14,7 +14,7 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// Both.
+    /// All qualities.
     pub const ALL: [Self; 2] = [Self::Standard, Self::Best];
 
     /// The name on the command line.
@@ -26,21 +26,21 @@ impl Quality {
     }
 }
 
-/// A map of `width` pixels a row, with `channels` values each, and the order of the pixels of every row reversed.
+/// Returns a map with `width` pixels per row and `channels` values per pixel, with the pixels of every row reversed.
 pub(crate) fn mirrored<T: Copy>(values: &[T], width: usize, channels: usize) -> Vec<T> {
     let rows = values.chunks_exact(width * channels);
     let pixels = rows.flat_map(|row| row.chunks_exact(channels).rev());
     pixels.flatten().copied().collect()
 }
 
-/// Where a position (u, v) of an image of `width` columns lies in the mirror image.
+/// Returns the position in the mirror image of a position (u, v) of an image of `width` columns.
 pub(crate) fn mirrored_place([u, v]: [f64; 2], width: usize) -> [f64; 2] {
     let width = width as f64;
-    // The left border belongs to the image, the right one does not.
+    // The left border belongs to the image, the right border does not.
     [(width - 1.0 - u).min((width - 0.5).next_down()), v]
 }
 
-/// Replaces every value by its mean with another.
+/// Replaces every value by the mean of it and the corresponding other value.
 pub(crate) fn average<T: Copy>(values: &mut [T], others: &[T], mean: fn(T, T) -> T) {
     let pairs = values.iter_mut().zip(others);
     pairs.for_each(|(value, &other)| *value = mean(*value, other));

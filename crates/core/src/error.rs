@@ -68,7 +68,7 @@ pub enum ImageError {
         /// Rows.
         height: usize,
     },
-    /// A guide has no two different values.
+    /// A guide is constant.
     #[error("the guide says nothing: all of its values are missing or the same")]
     NoGuide,
     /// A colour of a float image is far above 1.
@@ -128,7 +128,7 @@ pub enum WeightsError {
     /// The network was trained on top of a pretrained encoder, which was not given.
     #[error("the network reads the features of a pretrained encoder, which was not given")]
     NoEncoder,
-    /// The file needs something that this version no longer has.
+    /// The file requires a feature that this version no longer has.
     #[error("the weights have {what}, which lsdc supported until {until}")]
     Removed {
         /// What was removed.
@@ -136,7 +136,7 @@ pub enum WeightsError {
         /// The last version that had it.
         until: &'static str,
     },
-    /// This kind of network cannot be run here.
+    /// This kind of network is not supported here.
     #[error("this network cannot be prepared: {0}")]
     Unsupported(&'static str),
 }
@@ -222,7 +222,7 @@ pub enum FitError {
     /// The lengths of arrays do not match.
     #[error("{0}")]
     Shape(String),
-    /// A place is not in the image.
+    /// A position is outside the image.
     #[error("({u}, {v}) is not in the image of {width}x{height} pixels")]
     Outside {
         /// Column.
@@ -237,27 +237,27 @@ pub enum FitError {
     /// The fit needs a prior that the weights do not contain.
     #[error("{0}")]
     NoPrior(&'static str),
-    /// The fit needs affinities of the pixels of the image.
+    /// The fit needs affinities between the pixels of the image.
     #[error("`fit.method = \"{0}\"` needs the image that the points lie in")]
     NoAffinities(&'static str),
     /// A decomposition failed.
     #[error("the fit cannot be solved: {0}")]
     Unsolvable(&'static str),
-    /// Weights of another fit are of other basis functions.
+    /// Weights of another fit belong to other basis functions.
     #[error(
         "weights of {found} functions are not those of another fit of these {expected} basis functions and \
          cosines"
     )]
     OtherWeights {
-        /// Basis functions and cosines of this fit; of both fits at [`Quality::Best`](crate::Quality::Best).
+        /// Number of basis functions and cosines of this fit; of both fits at [`Quality::Best`](crate::Quality::Best).
         expected: usize,
-        /// Weights that were given.
+        /// Number of given weights.
         found: usize,
     },
     /// Weights of another fit are all 0, or not finite.
     #[error("the weights of the other fit are all 0, or not finite")]
     NearNothing,
-    /// A fit cannot be drawn towards another one.
+    /// A fit without a learned prior cannot be drawn towards another fit.
     #[error(
         "a fit without the learned prior over weights of depths cannot be drawn towards another one"
     )]

@@ -85,8 +85,8 @@ impl<'a> Image<'a> {
         Self::of(width, height, channels, Values::Bytes(bytes))
     }
 
-    /// An image of floats, with 0 for black and 1 for white (values a little outside are clamped, those above
-    /// 16 refused once the image is used), stored without gaps between rows.
+    /// An image of floats, with 0 for black and 1 for white, stored without gaps between rows. Values slightly out of this
+    /// range are clamped; values above 16 are rejected when the image is used.
     ///
     /// # Errors
     /// A side of 0, too many pixels, or a buffer that is too short.
@@ -155,10 +155,10 @@ impl<'a> Image<'a> {
     /// Returns red, green and blue of every pixel, 8 bits each, without gaps.
     ///
     /// # Errors
-    /// Values behind the last row, and floats that are not finite or far above 1.
+    /// Values after the last row, and floats that are not finite or far above 1.
     #[doc(hidden)]
     pub fn rgb(&self) -> Result<Vec<u8>> {
-        /// Brighter colours are not from 0 to 1.
+        /// Brighter colours indicate that the range is not 0 to 1.
         const BRIGHTEST: f32 = 16.0;
         self.check_end()?;
         let indices = self.channels.indices();
@@ -256,7 +256,7 @@ mod tests {
                 .rgb()
                 .is_ok()
         );
-        // Colours taken for grey values, and a stride that was forgotten.
+        // Colours passed as grey values, and a missing stride.
         assert!(
             Image::new(3, 2, Channels::Gray, &bytes)
                 .unwrap()

@@ -125,7 +125,7 @@ pub mod settings {
     pub use crate::fit::{FitConfig, FitMethod, JointConfig, Lambda, Loss, PriorKind, Robust};
 }
 
-/// Handles are shared between threads as they are.
+/// Handles can be shared between threads without a lock.
 const _: () = {
     const fn shared<T: Send + Sync + Clone>() {}
     shared::<Completer>();

@@ -56,7 +56,7 @@ impl DepthMap {
         }
     }
 
-    /// A map with only the given points; those outside are left out.
+    /// A map with only the given points; points outside it are skipped.
     pub fn from_points(width: usize, height: usize, points: &[Point]) -> Self {
         let mut map = Self::empty(width, height);
         for point in points {

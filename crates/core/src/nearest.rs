@@ -4,9 +4,9 @@
 #[derive(Clone, Debug)]
 pub struct NeighbourGrid {
     places: Vec<[f64; 2]>,
-    /// The places of all cells, one cell after the other, each in their order.
+    /// The positions of all cells, cell by cell, each in the given order.
     members: Vec<usize>,
-    /// Where those of each cell begin, and the end.
+    /// Start of each cell in `members`, followed by the end.
     starts: Vec<usize>,
     /// The corner of the first cell.
     origin: [f64; 2],
@@ -25,7 +25,7 @@ impl NeighbourGrid {
         let high = [0, 1].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max));
         let extent = [0, 1].map(|axis| (high[axis] - low[axis]).max(0.0) + 1.0);
         let side = (extent[0] * extent[1] / places.len().max(1) as f64).sqrt();
-        // No more cells along an axis than places: these may lie on a line.
+        // No more cells along an axis than positions, because these may be collinear.
         let side = side.max(extent[0].max(extent[1]) / places.len().max(1) as f64);
         let [columns, rows] = extent.map(|length| (length / side).ceil().max(1.0) as usize);
         let mut cells = Self {
@@ -52,7 +52,7 @@ impl NeighbourGrid {
         cells
     }
 
-    /// The column and row of the cell nearest to a position, or containing it.
+    /// Returns the column and row of the cell that contains a position, or of the nearest cell.
     fn cell(&self, place: [f64; 2]) -> [i64; 2] {
         let counts = [self.columns, self.rows];
         [0, 1].map(|axis| {
@@ -61,13 +61,13 @@ impl NeighbourGrid {
         })
     }
 
-    /// The cell nearest to a position, or containing it.
+    /// Returns the index of the cell that contains a position, or of the nearest cell.
     pub(crate) fn index(&self, place: [f64; 2]) -> usize {
         let [column, row] = self.cell(place);
         row as usize * self.columns + column as usize
     }
 
-    /// The centre of a cell.
+    /// Returns the centre of a cell.
     pub(crate) fn centre(&self, cell: usize) -> [f64; 2] {
         let place = [cell % self.columns, cell / self.columns];
         [0, 1].map(|axis| self.origin[axis] + (place[axis] as f64 + 0.5) * self.side)
@@ -82,7 +82,7 @@ impl NeighbourGrid {
         found
     }
 
-    /// The same in memory that is used again.
+    /// Like [`Self::nearest`], with reusable memory.
     pub(crate) fn find(&self, place: [f64; 2], count: usize, found: &mut Vec<(f64, usize)>) {
         found.clear();
         let [column, row] = self.cell(place);
@@ -93,8 +93,8 @@ impl NeighbourGrid {
             0
         };
         for ring in 0..rings {
-            // The cells are convex: a way into them is no shorter than the hypotenuse of the way to the nearest
-            // of their places and the way on from there.
+            // The cells are convex: a path into them is no shorter than the hypotenuse of the path to their nearest position
+            // and the path from there.
             let within = (ring as f64 - 1.0).max(0.0) * self.side;
             if found.len() == count && found[count - 1].0 < outside + within * within {
                 break;
@@ -113,7 +113,7 @@ impl NeighbourGrid {
         }
     }
 
-    /// The squared distance from a position to the nearest cell.
+    /// Returns the squared distance from a position to the nearest cell.
     fn outside(&self, place: [f64; 2]) -> f64 {
         let counts = [self.columns, self.rows];
         let off = [0, 1].map(|axis| {
@@ -123,14 +123,14 @@ impl NeighbourGrid {
         off[0] * off[0] + off[1] * off[1]
     }
 
-    /// Visits the places in the cells on the outline of a square: not the cells within, which are many more.
+    /// Visits the positions in the cells on the outline of a square, without visiting the cells inside it.
     fn ring(&self, [column, row]: [i64; 2], ring: i64, mut visit: impl FnMut(usize)) {
         let within = |middle: i64, count: usize| {
             (middle - ring).max(0)..(middle + ring + 1).min(count as i64)
         };
         let columns = within(column, self.columns);
         for r in within(row, self.rows) {
-            // Top and bottom have all columns, the rows between two.
+            // The top and bottom rows visit all columns, the rows between them only two.
             let step = if (r - row).abs() == ring { 1 } else { 2 * ring };
             let first = if step == 1 {
                 columns.start
@@ -157,7 +157,7 @@ mod tests {
 
     fn agree(places: &[[f64; 2]], step: f64) {
         let cells = NeighbourGrid::new(places);
-        // Beyond the last place too.
+        // Also beyond the last position.
         for y in -3..50 {
             for x in -3..70 {
                 let here = [f64::from(x) * step, f64::from(y) * step];
@@ -177,10 +177,10 @@ mod tests {
         agree(&(0..20).map(|_| place()).collect::<Vec<_>>(), 1.0);
         let mut place = || [60.0, 40.0].map(|most| most * f64::from(rng.unit()) - 0.5);
         agree(&(0..33).map(|_| place()).collect::<Vec<_>>(), 0.73);
-        // In a small part of where they are looked for.
+        // In a small part of the searched area.
         let mut place = || [3.0, 2.0].map(|most| 40.0 + most * f64::from(rng.unit()));
         agree(&(0..50).map(|_| place()).collect::<Vec<_>>(), 5.0);
-        // On a line, on top of each other, a single one, none.
+        // Collinear, coincident, a single one, none.
         agree(
             &(0..9)
                 .map(|i| [f64::from(i) * 7.0, 3.0])

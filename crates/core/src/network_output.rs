@@ -12,10 +12,10 @@ use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Positions, or pixels, of one piece of work.
+/// Positions, or pixels, per task.
 const PIECE: usize = 64;
 
-/// An image as exported weights (`lsdc weights export`) read it, from [`Completer::network_input`].
+/// An image in the form that exported weights (`lsdc weights export`) read, from [`Completer::network_input`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct NetworkInput {
@@ -30,7 +30,7 @@ pub struct NetworkInput {
 /// Basis functions and affinities of one image, computed by another program, such as ONNX Runtime with exported
 /// weights. Cheap to clone.
 ///
-/// A scene of them is [`Completer::scene_with_output`].
+/// [`Completer::scene_with_output`] makes a scene from it.
 #[derive(Clone)]
 pub struct NetworkOutput(Arc<Inner>);
 
@@ -44,7 +44,7 @@ struct Inner {
 }
 
 impl std::fmt::Debug for NetworkOutput {
-    /// Without the numbers, of which there are millions.
+    /// Omits the values, of which there are millions.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("NetworkOutput")
             .field("width", &self.width())
@@ -55,9 +55,9 @@ impl std::fmt::Debug for NetworkOutput {
 }
 
 impl NetworkOutput {
-    /// The output for an image of this size: `basis` is `[functions, height, width]`, of which the first is the constant
-    /// 1 or the depth that the image suggests, up to scale. `affinities` are `[2, height, width]`, those of each pixel
-    /// with its right and its lower neighbour.
+    /// The output for an image of this size: `basis` is `[functions, height, width]`; its first function is the constant 1 or
+    /// the depth that the network predicts, up to scale. `affinities` are `[2, height, width]`: the affinity of each pixel to
+    /// its right neighbour, then to its lower neighbour.
     ///
     /// # Errors
     /// A side of 0, arrays of other lengths, values that are not finite, or negative affinities.
@@ -97,7 +97,7 @@ impl NetworkOutput {
         self.0.height
     }
 
-    /// Number of basis functions, with the first.
+    /// Number of basis functions, including the first.
     pub fn functions(&self) -> usize {
         self.0.basis.len() / self.pixels()
     }
@@ -188,8 +188,8 @@ impl Completer {
         (width, height)
     }
 
-    /// The input of the network for an image: resized to the working size, without normalisation, which is part of
-    /// exported weights.
+    /// The input of the network for an image: resized to the working size. It is not normalised, because exported weights
+    /// include the normalisation.
     ///
     /// # Errors
     /// Colours that are not finite or far above 1.
@@ -206,16 +206,16 @@ impl Completer {
         })
     }
 
-    /// A scene of an image whose network another program ran, on the [`NetworkInput`] of this completer or the image at
-    /// any other size. A fit with a field is solved at the size of the output.
+    /// Makes a scene from an image and the network output that another program computed, for the [`NetworkInput`] of this
+    /// completer or for the image at another size. A fit with a field is solved at the size of the output.
     ///
-    /// At pixel centres of the output, depths are those of the network here, up to rounding. Between them, basis functions
-    /// are interpolated, where the network here computes them at the point itself: depths of 300 points between pixels
-    /// differ by up to 1.4 % (`default`) or 0.3 % (`small`).
+    /// At pixel centres of the output, depths equal those of the built-in network, up to rounding. Between them, basis
+    /// functions are interpolated, where the built-in network computes them at the position itself: depths of 300 points
+    /// between pixels differ by up to 1.4 % (`default`) or 0.3 % (`small`).
     ///
     /// # Errors
-    /// A number of basis functions that the prior of the weights is not for; [`Quality::Best`], which needs the output
-    /// for the mirror image too; colours that are not finite, or settings out of range.
+    /// The number of basis functions does not match the prior of the weights; [`Quality::Best`], which would also need the
+    /// output for the mirror image; colours that are not finite, or settings out of range.
     ///
     /// ```
     /// # #[cfg(feature = "weights")]
@@ -265,7 +265,7 @@ mod tests {
     use crate::fit::{FitConfig, FitMethod};
     use crate::{Channels, Observations};
 
-    /// The constant, column and row.
+    /// Returns a basis of the constant, the column and the row.
     fn planes(width: usize, height: usize) -> NetworkOutput {
         let pixel = |i: usize| ((i % width) as f32, (i / width) as f32);
         let pixels = 0..width * height;

@@ -1,4 +1,4 @@
-//! How much the depths of a depth camera scatter, by their distance.
+//! The standard deviation of the measurements of depth cameras, as a function of depth.
 
 use crate::error::SettingsError;
 use crate::observations::{Observation, Observations};
@@ -25,9 +25,9 @@ pub struct DepthNoise {
 }
 
 impl DepthNoise {
-    /// Kinect v1 and other sensors of `PrimeSense` (structured light): 0.0012 + 0.0019 (z - 0.4)^2 metres, the axial noise
-    /// that Nguyen, Izadi and Lovell (2012, equation 3) measured on planes turned by 10 to 60 degrees. Khoshelham and
-    /// Oude Elberink (2012) have 0.0014 z^2 for planes that face the sensor.
+    /// Kinect v1 and other sensors of `PrimeSense` (structured light): 0.0012 + 0.0019 (z - 0.4)^2 metres, the axial noise that
+    /// Nguyen, Izadi and Lovell (2012, equation 3) measured on planes rotated by 10 to 60 degrees. Khoshelham and Oude Elberink
+    /// (2012) report 0.0014 z^2 for planes that face the sensor.
     pub const KINECT: Self = Self {
         coefficients: [0.001_504, -0.001_52, 0.0019],
     };
@@ -58,7 +58,7 @@ impl DepthNoise {
     /// A number that is not finite, or a standard deviation that is not positive at some depth.
     pub fn new([a, b, c]: [f64; 3]) -> Result<Self, SettingsError> {
         let finite = [a, b, c].iter().all(|v| v.is_finite());
-        // No root beyond 0: both ends are not below 0, and between them the parabola stays above it.
+        // No root above 0: both ends are non-negative, and the parabola between them is positive.
         let ends = a >= 0.0 && c >= 0.0 && a.max(b).max(c) > 0.0;
         let between = b >= 0.0 || b * b < 4.0 * a * c;
         if finite && ends && between {
@@ -91,8 +91,8 @@ impl DepthNoise {
         a + depth * (b + depth * c)
     }
 
-    /// Returns observations in metres, those without a standard deviation with that of this model, and how many these
-    /// are. Observations without a positive depth stay as they are.
+    /// Returns observations in metres, with the standard deviation of this model where none is given, and the number of such
+    /// observations. Observations without a positive depth are not changed.
     pub fn applied(self, observations: &Observations) -> (Observations, usize) {
         let mut count = 0;
         let with_sigma = |point: &Observation| {
@@ -153,7 +153,7 @@ impl Display for DepthNoise {
 mod tests {
     use super::*;
 
-    /// The published formulas, as they are printed.
+    /// The published formulas, as printed.
     #[test]
     fn named_models_are_those_of_the_papers() {
         let nguyen = |z: f64| 0.0012 + 0.0019 * (z - 0.4).powi(2);

@@ -12,11 +12,11 @@ pub struct Observation {
     pub u: f64,
     /// Vertical position in pixels.
     pub v: f64,
-    /// Depth along the optical axis in metres, or in any other unit, which is then that of the result.
+    /// Depth along the optical axis in metres, or in any other unit, which the result then has too.
     pub depth: f32,
-    /// Standard deviation of the measurement, in the same unit, if it is known: how far this depth may be off the
-    /// true depth at its position. It is in addition to how far true depths lie off the model between the
-    /// observations, which is estimated from these. 0, negative and non-finite values mean that it is unknown.
+    /// Standard deviation of the measurement, in the same unit, if it is known. The deviation of true depths from the model
+    /// between the observations is not included: it is estimated from the observations. 0, negative and non-finite values mean
+    /// that it is unknown.
     pub sigma: Option<f32>,
 }
 
@@ -30,8 +30,7 @@ impl Observation {
 
 /// Known depths, in the order in which they were added.
 ///
-/// All values are accepted here: observations that cannot be used are left out and counted when an image is
-/// completed.
+/// All values are accepted here: unusable observations are skipped and counted when an image is completed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observations(Vec<Observation>);
 

@@ -1,12 +1,12 @@
-//! Resizing of the image to the size at which the network works.
+//! Resizing of images to the working size of the network.
 
 use crate::error::{ImageError, Result};
 use fast_image_resize::images::{TypedImage, TypedImageRef};
 use fast_image_resize::pixels::{F32x3, U8x3};
 use fast_image_resize::{FilterType, PixelTrait, ResizeAlg, ResizeOptions, Resizer};
 
-/// The colours of an image of size `from` (height, width) at another size, as PIL's `BILINEAR` filter gives
-/// them, which averages all pixels when shrinking.
+/// Returns the colours of an image of size `from` (height, width) at another size, like PIL's `BILINEAR` filter, which averages
+/// all pixels when shrinking.
 pub(crate) fn resized(rgb: &[u8], from: (usize, usize), to: (usize, usize)) -> Result<Vec<u8>> {
     if from == to {
         return Ok(rgb.to_vec());
@@ -14,7 +14,7 @@ pub(crate) fn resized(rgb: &[u8], from: (usize, usize), to: (usize, usize)) -> R
     resampled_colours(rgb, from, to, FilterType::Bilinear)
 }
 
-/// The same as PIL's `BICUBIC` filter gives them: cubic convolution, which averages all pixels when shrinking.
+/// Like [`resized`], with PIL's `BICUBIC` filter: cubic convolution, which averages all pixels when shrinking.
 pub(crate) fn resized_colours_cubic(
     rgb: &[u8],
     from: (usize, usize),
@@ -38,8 +38,7 @@ fn resampled_colours(
     Ok(found.iter().flat_map(|pixel| pixel.0).collect())
 }
 
-/// A normalised image `[height, width, 3]` at another size, by cubic convolution, which averages all pixels when
-/// shrinking.
+/// Resizes a normalised image `[height, width, 3]` by cubic convolution, which averages all pixels when shrinking.
 pub(crate) fn resized_cubic(
     image: &[f32],
     from: (usize, usize),
@@ -64,7 +63,7 @@ fn resampled<P: PixelTrait>(
     let [width, height] = sides(to)?;
     let mut target = TypedImage::<P>::new(width, height);
     let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(filter));
-    // Not `resize`, which is compiled for every type of pixel.
+    // Not `resize`, which would be compiled for every type of pixel.
     let done = Resizer::new().resize_typed(source, &mut target, &options);
     done.map_err(|_| failed(to))?;
     Ok(target.pixels().to_vec())

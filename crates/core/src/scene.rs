@@ -26,15 +26,15 @@ use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-/// The most points whose basis functions are in memory at once.
+/// Largest number of points whose basis functions are in memory at once.
 const MOST_EVALUATED: usize = 1 << 13;
-/// Points that a task reads.
+/// Points per task.
 const TOGETHER: usize = 1 << 7;
 
 /// The basis functions and affinities of an image.
 ///
-/// Holds everything that depends on the image alone, so that new points for the same image cost only a fit. At
-/// [`Quality::Best`], also that of the mirror image, and completions are means of two.
+/// Holds everything that depends on the image alone, so that new points for the same image need only a fit. At
+/// [`Quality::Best`], it also holds everything for the mirror image, and completions are the means of two fits.
 /// Cheap to clone, and can be shared between threads.
 #[derive(Clone)]
 pub struct Scene(Arc<Inner>);
@@ -44,29 +44,29 @@ struct Inner {
     completer: Completer,
     forward: Arc<dyn Forward>,
     basis: Arc<dyn Basis>,
-    /// The network's output: computed immediately for a fit with a field, otherwise on first use.
+    /// The affinities: computed immediately for a fit with a field, otherwise on first use.
     affinities: Arc<OnceLock<Affinities>>,
-    /// The same, lowered at the steps of the depth guide.
+    /// The same affinities, reduced at the steps of the depth guide.
     guided_affinities: OnceLock<Affinities>,
-    /// A prediction of depth by other means, whose functions lie between those of the network and the cosines.
+    /// Dense prediction of depth by other means; its functions are ordered between those of the network and the cosines.
     depth_guide: Option<DepthGuide>,
     cosines: CosineBasis,
     /// Height and width of the image.
     size: (usize, usize),
-    /// How depth is read from the grid that it is solved on, in a fit with a field to an image that is larger.
+    /// Interpolation of depth from the grid of the field, in a fit with a field to a larger image.
     upsampling: Option<Arc<Upsampling>>,
-    /// The last weights that functions were combined with on the grid that depth is solved on, and the map.
+    /// The last weights of which `combined` computed the map, and this map.
     combined: Mutex<Option<Combined>>,
     /// The scene of the mirror image, at [`Quality::Best`].
     mirror: Option<Scene>,
     network: Duration,
 }
 
-/// Weights, and functions x weights at every pixel.
+/// Weights, and the weighted sum of the functions at every pixel.
 type Combined = (Vec<f64>, Arc<Vec<f32>>);
 
 impl std::fmt::Debug for Scene {
-    /// Without the numbers, of which there are millions.
+    /// Omits the values, of which there are millions.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Scene")
             .field("width", &self.width())
@@ -76,8 +76,8 @@ impl std::fmt::Debug for Scene {
 }
 
 impl Completer {
-    /// Runs the network on an image, and computes everything that depends on the image alone; with a
-    /// [depth head](Self::has_depth_head), the guide that it predicts, too.
+    /// Runs the network on an image, and computes everything that depends on the image alone, including the guide predicted by
+    /// a [depth head](Self::has_depth_head), if there is one.
     ///
     /// # Errors
     /// Colours that are not finite, settings that are out of range, or affinities of a damaged network.
@@ -85,7 +85,7 @@ impl Completer {
         Scene::new(self.clone(), image, None, None)
     }
 
-    /// The same with a dense prediction of the depth of the image by other means, which need not be of its size.
+    /// Like [`Self::scene`], with a dense prediction of the depth of the image by other means, which may have another size.
     ///
     /// # Errors
     /// As for [`Self::scene`].
@@ -117,8 +117,8 @@ impl Completer {
     }
 }
 
-/// The guide that the depth head of a completer predicts from the features of its network; nothing without a head, and
-/// where it predicts the same everywhere.
+/// Returns the guide that the depth head of a completer predicts from the features of its network; `None` without a head, or if
+/// the prediction is constant.
 fn predicted_guide(completer: &Completer, forward: &dyn Forward) -> Result<Option<DepthGuide>> {
     let Some(head) = completer.depth_head() else {
         return Ok(None);
@@ -140,7 +140,7 @@ fn predicted_guide(completer: &Completer, forward: &dyn Forward) -> Result<Optio
 }
 
 impl Scene {
-    /// `output` is that of the network, if another program ran it, at [`Quality::Standard`].
+    /// `output` is the output of the network at [`Quality::Standard`], if another program ran it.
     pub(crate) fn new(
         completer: Completer,
         image: &Image<'_>,
@@ -164,8 +164,8 @@ impl Scene {
         Self::of(completer, (rgb, size), output, depth_guide, mirror, started)
     }
 
-    /// The scene of an image of some size (height, width), whose network runs from `started` on, unless its `output` is
-    /// given.
+    /// Makes the scene of an image of this size (height, width). The run time of the network is measured from `started`, unless
+    /// its `output` is given.
     fn of(
         completer: Completer,
         (rgb, (height, width)): (Vec<u8>, (usize, usize)),
@@ -189,7 +189,7 @@ impl Scene {
             let network = completer.network();
             completer.run(|| network.forward(&values, working))?
         };
-        // A field alone takes no guide.
+        // A field alone uses no guide.
         let predicts = depth_guide.is_none() && fit_method != FitMethod::Field;
         let predicted = || {
             if predicts {
@@ -198,7 +198,7 @@ impl Scene {
                 Ok(None)
             }
         };
-        // Side by side: layers of each are too small for many threads.
+        // In parallel, because the layers of each are too small for many threads.
         let (basis, (affinities, predicted)) = completer.run(|| {
             join(
                 || forward.basis(),
@@ -241,7 +241,7 @@ impl Scene {
         self.0.size.0
     }
 
-    /// The run time of the network, on the mirror image too at [`Quality::Best`].
+    /// The run time of the network, including the mirror image at [`Quality::Best`].
     pub fn network_time(&self) -> Duration {
         self.0.network
     }
@@ -251,8 +251,8 @@ impl Scene {
         self.0.depth_guide.is_some()
     }
 
-    /// The basis functions of the network, `[places, N + 1]`, the first being the constant 1, or its replacement in some
-    /// weights, at positions (u, v) of the image in pixels, where (0, 0) is the centre of the first pixel.
+    /// The basis functions of the network, `[places, N + 1]`, at positions (u, v) of the image in pixels, where (0, 0) is the
+    /// centre of the first pixel. The first function is the constant 1, or the map that replaces it in some weights.
     pub fn basis_functions(&self, places: &[[f64; 2]]) -> Vec<f32> {
         let inner = &*self.0;
         inner.completer.run(|| inner.basis.at(inner.size, places))
@@ -288,18 +288,18 @@ impl Scene {
         &self.0.completer
     }
 
-    /// Basis functions, followed by cosines, at positions (u, v) of the image at `size` (height, width).
+    /// Returns basis functions, followed by cosines, at positions (u, v) of the image at `size` (height, width).
     pub(crate) fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         self.0.at(size, places)
     }
 
-    /// How maps are read from the grid that depth is solved on, if not at every pixel.
+    /// Returns the interpolation of maps from the grid of the field, if the image is larger than this grid.
     pub(crate) fn upsampling(&self) -> Option<&Upsampling> {
         self.0.upsampling.as_deref()
     }
 
-    /// The pixels of the field, which has `grid` (height, width), that a position (u, v) of the image is read
-    /// from.
+    /// Returns the pixels of the field of size `grid` (height, width) from which a position (u, v) of the image is
+    /// interpolated.
     pub(crate) fn interpolation(
         &self,
         place: [f64; 2],
@@ -311,7 +311,7 @@ impl Scene {
         }
     }
 
-    /// The probability that each observation is an inlier, by its prediction from the others.
+    /// Returns the probability that each observation is an inlier, given its prediction from the others.
     pub(crate) fn inlier_posteriors(
         &self,
         usable: &UsableObservations,
@@ -330,7 +330,7 @@ impl Scene {
         })
     }
 
-    /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
+    /// Returns the weighted sum of basis functions and cosines at every pixel of the image at `size` (height, width).
     pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         self.0.map(size, weights)
     }
@@ -344,7 +344,7 @@ impl Inner {
         }
     }
 
-    /// The functions at the pixels of the grid around each position, weighted as a map there is read.
+    /// Interpolates the functions at each position from the pixels of the grid around it, like a map.
     fn read(&self, upsampling: &Upsampling, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         let interpolation = places
             .iter()
@@ -405,12 +405,12 @@ impl Inner {
         values
     }
 
-    /// The number of functions of the guide.
+    /// Returns the number of functions of the guide.
     fn guides(&self) -> usize {
         self.depth_guide.as_ref().map_or(0, DepthGuide::count)
     }
 
-    /// The same on the grid that depth is solved on, cached: a fit with a field and its map need the same weights.
+    /// Returns the weighted sum on the grid of the field, cached: a fit with a field and its map use the same weights.
     fn combined(&self, weights: &[f64]) -> Arc<Vec<f32>> {
         let lock = || self.combined.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, map)) = lock().as_ref().filter(|(known, _)| known == weights) {
@@ -421,18 +421,18 @@ impl Inner {
         map
     }
 
-    /// The basis functions at observations, unless there are so many that a fit evaluates them at a sample: a fit in
-    /// `rounds`, or a single one.
+    /// Returns the basis functions at the observations; `None` if the fit evaluates only a sample of them. The limit depends on
+    /// whether the fit runs in `rounds`.
     fn bases_at_points(&self, usable: &UsableObservations, rounds: bool) -> Option<Vec<f32>> {
         let grid = self.grid();
-        // Where their sum at all points is read from a map of the grid, a fit without rounds evaluates a sample.
+        // If their sum at all points is interpolated from a map of the grid, a fit without rounds evaluates a sample.
         let is_read = self.upsampling.is_some() || self.pixels(&usable.places).is_some();
         let most = if rounds || !is_read {
             MOST_EVALUATED
         } else {
             field::MOST
         };
-        // A fit to dense points evaluates them in the holes between these, too.
+        // A fit to dense points also evaluates them in the holes between the points.
         let sparse = usable.places.len() <= most.min(grid.0 * grid.1 / 5);
         (!self.has_field() || sparse).then(|| self.at(self.size, &usable.places))
     }
@@ -441,14 +441,13 @@ impl Inner {
         self.completer.fit_config().method.has_field()
     }
 
-    /// Height and width of the grid that depth is solved on.
+    /// Returns the height and width of the grid of the field.
     fn grid(&self) -> (usize, usize) {
         let upsampling = self.upsampling.as_ref();
         upsampling.map_or(self.size, |upsampling| upsampling.grid())
     }
 
-    /// The pixels of the grid that depth is solved on at these positions, if it has the size of the image and each is the
-    /// centre of a pixel.
+    /// Returns the grid pixels at these positions, if the grid has the size of the image and every position is a pixel centre.
     fn pixels<'a>(&self, places: &'a [[f64; 2]]) -> Option<impl Iterator<Item = usize> + use<'a>> {
         let (height, width) = self.size;
         let centred = |&[u, v]: &[f64; 2]| {
@@ -462,7 +461,7 @@ impl Inner {
         all.then(|| places.iter().map(pixel))
     }
 
-    /// The affinities, if the fit needs them.
+    /// Returns the affinities, if the fit needs them.
     fn needed_affinities(&self) -> Result<Option<&Affinities>> {
         self.has_field().then(|| self.affinities()).transpose()
     }
@@ -478,7 +477,7 @@ impl Inner {
             let found = Affinities::new(size, &values)?;
             self.affinities.get_or_init(|| found)
         };
-        // A field alone takes no guide.
+        // A field alone uses no guide.
         let joint = self.completer.fit_config().method == FitMethod::Joint;
         let guided_affinities = match self.depth_guide.as_ref().filter(|_| joint) {
             None => own.clone(),
@@ -555,7 +554,7 @@ impl EvaluateBasis for Inner {
     }
 }
 
-/// Colours minus their mean, divided by their standard deviation.
+/// Returns colours minus their mean, divided by their standard deviation.
 pub(crate) fn normalised(rgb: &[u8], mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
     let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
         std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])

@@ -1,19 +1,19 @@
-//! Smoothing of dense depths whose standard deviations are known, as those of a depth camera with a noise model.
+//! Smoothing of dense depths with known standard deviations, such as those of a depth camera with a noise model.
 //!
-//! The fit follows dense depths pixel by pixel. If their deviations are known, each becomes that of a plane through those
-//! around it that it agrees with, weighted by precision: a bilateral filter (Tomasi and Manduchi 1998, as `KinectFusion`
-//! filters its input, Newcombe et al. 2011) of first order, so that slopes stay at the borders of holes. Depths on the
-//! other side of an edge are off by many deviations and have no weight.
+//! The fit follows dense depths pixel by pixel. If their deviations are known, each depth is replaced by the value of a plane
+//! through the surrounding depths that agree with it, weighted by precision: a bilateral filter (Tomasi and Manduchi 1998;
+//! `KinectFusion` filters its input in the same way, Newcombe et al. 2011) of first order, which preserves slopes at the
+//! borders of holes. Depths on the other side of an edge differ by many deviations and have no weight.
 
 use rayon::prelude::*;
 
-/// Pixels on each side of the window.
+/// Pixels on each side of the window's centre.
 const REACH: usize = 4;
 /// The standard deviation of the window in pixels.
 const SPREAD: f32 = 2.0;
-/// Depths agree that differ by no more than about this many standard deviations of their difference.
+/// Depths agree if they differ by no more than about this many standard deviations of their difference.
 const AGREE: f32 = 3.0;
-/// The share of the pixels in the window that are observed where depths are dense.
+/// Least share of observed pixels in the window where depths count as dense.
 const DENSE: f32 = 0.25;
 
 /// Depths, and their standard deviations, after smoothing.
@@ -21,7 +21,7 @@ const DENSE: f32 = 0.25;
 pub(crate) struct Smoothed {
     pub(crate) depths: Vec<f32>,
     pub(crate) deviations: Vec<Option<f32>>,
-    /// How many were smoothed.
+    /// Number of smoothed depths.
     pub(crate) count: usize,
 }
 
@@ -32,8 +32,8 @@ struct Pixel {
     precision: f32,
 }
 
-/// Sums for a plane through depths around a pixel, weighted by w: of w, w x, w y, w x x, w x y, w y y; the same times the
-/// depth; and the first six for w^2 times the variance in place of w.
+/// Sums for a plane through depths around a pixel, weighted by w: of w, w x, w y, w x x, w x y, w y y; the same sums multiplied
+/// by the depth; and the first six with w^2 times the variance instead of w.
 #[derive(Default)]
 struct Plane {
     weights: [f32; 6],
@@ -53,9 +53,9 @@ impl Plane {
         }
     }
 
-    /// The plane at the pixel, and its variance; nothing if depths lie on a line.
+    /// Returns the plane at the pixel, and its variance; `None` if the depths are collinear.
     fn at_centre(&self) -> Option<(f32, f32)> {
-        /// The least determinant, relative to the product of the diagonal.
+        /// Least determinant, relative to the product of the diagonal.
         const LEAST: f64 = 1e-3;
         let [s, sx, sy, sxx, sxy, syy] = self.weights.map(f64::from);
         // The first row of the inverse of the normal matrix.
@@ -158,7 +158,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (60, 80);
 
-    /// Every pixel of a plane with a step of half a metre in the middle, with noise of 1 cm, and the truth.
+    /// Returns every pixel of a plane with a step of half a metre in the middle, with noise of 1 cm, and the true depths.
     fn noisy() -> (Vec<[f64; 2]>, Vec<f32>, Vec<f32>) {
         let mut rng = Rng::stream(0, &["noise"]);
         let places: Vec<[f64; 2]> = (0..SIZE.0 * SIZE.1)
@@ -189,7 +189,7 @@ mod tests {
         let said = rms(&said, &vec![0.0; said.len()]);
         assert!(error < 0.003, "{error}");
         assert!((error / said - 1.0).abs() < 0.25, "{error} {said}");
-        // The pixels beside the step as well.
+        // Also for the pixels next to the step.
         let beside = |values: &[f32]| -> Vec<f32> {
             let pixels = (0..SIZE.0).flat_map(|y| [39, 40].map(|x| y * SIZE.1 + x));
             pixels.map(|i| values[i]).collect()

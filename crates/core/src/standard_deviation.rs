@@ -12,24 +12,24 @@ use crate::map::DepthMap;
 use crate::nearest::NeighbourGrid;
 use rayon::prelude::*;
 
-/// Degrees of freedom with which Student's t is normal.
+/// Degrees of freedom at which Student's t distribution is practically normal.
 pub(crate) const NORMAL: f64 = 1e6;
 
 /// Number of pixels whose basis functions are in memory at once.
 const STRIP: usize = 1 << 13;
 
 impl Completion {
-    /// The standard deviation of the depth error at every pixel of the image, calibrated for the fit settings
-    /// that the weights record, and approximate with others: half the width of the interval around the depth
-    /// that holds 68.27 % of errors, as one standard deviation does if errors are normal. Errors of depth have
-    /// heavier tails, where an edge was missed; [`Self::interval`] returns the multiple of this map that holds
-    /// another share. Where observations are dense and the map follows each of them, it is scaled to their
-    /// leave-one-out errors.
+    /// The standard deviation of the depth error at every pixel of the image. It is calibrated for the fit settings recorded
+    /// with the weights, and approximate for other settings. It is half the width of the interval around the depth that holds
+    /// 68.27 % of errors, as one standard deviation does if errors are normal. Depth errors have heavier tails at missed edges;
+    /// [`Self::interval`] returns the multiple of this map that holds another share. If observations are dense and the map
+    /// follows each of them, it is scaled to their leave-one-out errors.
     ///
-    /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are those of both fits. It is not calibrated
-    /// again: intervals hold at least their share of errors, unless the errors of both fits are the same. The squared scale of
-    /// a mean of jointly normal or Student-t errors of correlation r, (a^2 + b^2 + 2 r a b) / 4, is at most the square of
-    /// this. Half the difference of both depths is not added: it is a part of a and b that their mean does not have.
+    /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are the standard deviations of both fits. It
+    /// is not calibrated again: intervals hold at least their share of errors, and exactly that share only if the errors of
+    /// both fits are the same. The squared scale of a mean of jointly normal or Student-t errors with correlation r,
+    /// `(a^2 + b^2 + 2 r a b) / 4`, is at most the square of (a + b) / 2. Half the difference of both depths is not added: it
+    /// is a part of a and b that their mean does not have.
     ///
     /// # Errors
     /// Too few observations for an estimate.
@@ -48,7 +48,7 @@ impl Completion {
         DepthMap::new(width, height, values)
     }
 
-    /// The standard deviations of this fit alone.
+    /// Returns the standard deviations of this fit alone.
     fn own_deviations(&self, size: (usize, usize)) -> Result<Vec<f32>> {
         let completer = self.scene().completer();
         let mut values = completer.run(|| self.deviations(size))?;
@@ -56,9 +56,9 @@ impl Completion {
         Ok(values)
     }
 
-    /// The number of standard deviations around the depth that hold a share `level` of errors, from 0 to 1
-    /// (exclusive). Errors over their scale follow Student's t distribution with [`Self::freedom`] degrees of
-    /// freedom, so that 95 % need more than 1.96 standard deviations.
+    /// The number of standard deviations around the depth that hold a share `level` of errors, from 0 to 1 (exclusive). Errors
+    /// divided by their scale follow Student's t distribution with [`Self::freedom`] degrees of freedom, so that 95 % need more
+    /// than 1.96 standard deviations.
     ///
     /// # Errors
     /// A level that is not between 0 and 1.
@@ -72,8 +72,8 @@ impl Completion {
         Ok(student_t::bound(level, freedom) / student_t::bound(ONE_DEVIATION, freedom))
     }
 
-    /// The degrees of freedom of the distribution of errors; `None` if it is taken to be normal, because the
-    /// weights or the settings of the fit have no other calibration.
+    /// The degrees of freedom of the distribution of errors; `None` if it is assumed to be normal, because the weights or the
+    /// settings of the fit have no other calibration.
     pub fn freedom(&self) -> Option<f64> {
         self.error_model().map(|node| node.freedom)
     }
@@ -99,8 +99,7 @@ impl Completion {
         Ok(values)
     }
 
-    /// The features of each block of pixels of the field of a joint fit, and how many blocks there are above each other and
-    /// side by side.
+    /// The features of each block of pixels of the field of a joint fit, and the number of rows and columns of blocks.
     ///
     /// # Errors
     /// A fit without a field, or too few observations.
@@ -108,11 +107,11 @@ impl Completion {
     pub fn features(&self) -> Result<(Vec<PixelFeatures>, (usize, usize))> {
         /// Standard deviation of the window of affinities, as a share of the root of the number of blocks.
         const WINDOW: f64 = 1.0 / 64.0;
-        /// Lower bounds: relief and noise over the mean depth, and the variance that weights add.
+        /// Lower bounds: relief and noise relative to the mean depth, and the variance due to the weights.
         const LEAST: f64 = 1e-3;
         const LEAST_NOISE: f64 = 1e-6;
         const LEAST_FIELD: f64 = 1e-30;
-        /// In mean distances between points: at shorter distances, other features are better.
+        /// In mean distances between points: other features predict errors better at shorter distances.
         const CLOSE: f64 = 0.1;
         let noise = self.local_noise()?;
         let (scene, fit) = (self.scene(), self.fit());
@@ -159,7 +158,7 @@ impl Completion {
         Ok((features.collect(), size))
     }
 
-    /// The mean depth of each block, and how much the depth differs in it and the eight around it, in metres.
+    /// Returns the mean depth of each block, and the variation of depth in it and the eight blocks around it, in metres.
     fn depth_and_relief(&self, affinities: &Affinities) -> (Vec<f64>, Vec<f64>) {
         let (blocks, depth) = (affinities.blocks(), self.dense(affinities.size()));
         let start = (0.0, 0.0, f32::INFINITY, f32::NEG_INFINITY);
@@ -210,7 +209,7 @@ impl Completion {
         Ok(noise)
     }
 
-    /// Standard deviations of a normal distribution: local noise and the posterior variance, times a factor.
+    /// Returns standard deviations of a normal distribution: from local noise and the posterior variance, times a factor.
     fn normal_deviations(&self, (height, width): (usize, usize)) -> Result<Vec<f32>> {
         let (scene, fit) = (self.scene(), self.fit());
         let factor = scene.completer().deviation();

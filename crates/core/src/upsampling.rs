@@ -1,9 +1,8 @@
-//! Reading a map of the working grid anywhere in a larger image, along the edges of that image.
+//! Interpolation of a map of the working grid at any position of a larger image, along the edges of that image.
 //!
-//! A position is read from the four pixels of the grid around it. The bilinear share of each is multiplied by
-//! how alike its colour and the colour of the large image are, and the shares are divided by their sum. So a
-//! plane is interpolated bilinearly where colours are even, and where they are not, each side of an edge is read
-//! from its own side.
+//! A position is interpolated from the four pixels of the grid around it. The bilinear weight of each is multiplied by the
+//! similarity of its colour to the colour of the large image, and the weights are divided by their sum. Planes are interpolated
+//! bilinearly where colours are uniform, and each side of an edge is interpolated from pixels on its own side.
 
 use crate::bilinear::{InterpolationWeights, containing, neighbours};
 use lsdc_kernels::schedule::InTasks;
@@ -11,14 +10,14 @@ use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
-/// The difference of two colours (0 to 255 in each channel) that halves a share. Of 5, 10 and 20 on training
-/// frames and frames of other cameras, which differ by less than 1 %.
+/// The difference of two colours (0 to 255 in each channel) that halves a weight. Chosen from 5, 10 and 20 on training frames
+/// and frames of other cameras; the results differ by less than 1 %.
 const CONTRAST: f32 = 10.0;
 
-/// Rows of the output that a task fills.
+/// Rows of the output per task.
 const STRIP: usize = 16;
 
-/// The colours of an image and of the smaller grid that its depth is solved on.
+/// The colours of an image and of the smaller grid on which its depth is solved.
 #[derive(Debug)]
 pub struct Upsampling {
     /// Red, green and blue of every pixel of the image.
@@ -32,10 +31,10 @@ pub struct Upsampling {
     level: Level,
 }
 
-/// The pixels around a position on one axis, and the share of the second.
+/// The two pixels around a position on one axis, and the weight of the second.
 type Between = (usize, usize, f32);
 
-/// A rectangle of pixels of the image.
+/// A rectangular block of pixels of the image.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct PixelBlock {
     columns: RangeInclusive<usize>,
@@ -43,7 +42,7 @@ pub(crate) struct PixelBlock {
 }
 
 impl PixelBlock {
-    /// Whether the pixel in this column and row lies in it.
+    /// Whether the block contains the pixel in this column and row.
     pub(crate) fn contains(&self, [x, y]: [usize; 2]) -> bool {
         self.columns.contains(&x) && self.rows.contains(&y)
     }
@@ -74,12 +73,12 @@ impl Upsampling {
         self.size
     }
 
-    /// How alike the colours of two pixels of the image are, from 1 for equal ones towards 0.
+    /// The similarity of the colours of two pixels of the image, from 1 for equal colours towards 0.
     pub fn likeness(&self, one: usize, other: usize) -> f32 {
         likeness(square(colour(&self.image, one), colour(&self.image, other)))
     }
 
-    /// The pixels of the image whose centres lie in the same pixel of the grid as that of this one.
+    /// Returns the pixels of the image whose centres are in the same pixel of the grid as the centre of this one.
     pub(crate) fn cell(&self, pixel: usize) -> PixelBlock {
         let same = |place: usize, size: usize, grid: usize| {
             let cell = |place: usize| containing(place as f64, size, grid);
@@ -99,8 +98,8 @@ impl Upsampling {
         self.grid
     }
 
-    /// The pixels of the grid that a position (u, v) is read from, in an image of `size` (height, width), which
-    /// need not be that of the image whose edges are followed: the colour is that of its pixel at this position.
+    /// The pixels of the grid from which a position (u, v) is interpolated, in an image of `size` (height, width). This need
+    /// not be the size of the image with the edges: the colour is that of its pixel at this position.
     pub fn interpolation(&self, [u, v]: [f64; 2], size: (usize, usize)) -> InterpolationWeights {
         let row = containing(v, size.0, self.size.0);
         let column = containing(u, size.1, self.size.1);
@@ -112,7 +111,7 @@ impl Upsampling {
         InterpolationWeights::new([u, v], size, self.grid).weighted(alike)
     }
 
-    /// A map of the grid at every pixel of an image of `size` (height, width), as [`Self::interpolation`] read it.
+    /// Interpolates a map of the grid at every pixel of an image of `size` (height, width), as [`Self::interpolation`] does.
     pub fn enlarge(&self, values: &[f32], size: (usize, usize)) -> Vec<f32> {
         assert_eq!(values.len(), self.grid.0 * self.grid.1, "values");
         let axis = |from: usize, to: usize| -> Vec<Between> {
@@ -153,7 +152,7 @@ impl Upsampling {
 
 /// The four pixels around each position of an output row, channel by channel.
 struct Corners {
-    /// Which rows of the grid.
+    /// The two rows of the grid, if they are filled.
     rows: Option<[usize; 2]>,
     corners: [Corner; 4],
 }
@@ -175,7 +174,7 @@ impl Corners {
         }
     }
 
-    /// Between two rows of the grid.
+    /// Loads the corners of every position of an output row between two rows of the grid.
     fn fill(
         &mut self,
         upsampling: &Upsampling,
@@ -234,14 +233,14 @@ fn colour(values: &[u8], pixel: usize) -> [f32; 3] {
     [colour[0], colour[1], colour[2]].map(f32::from)
 }
 
-/// The squared difference of two colours.
+/// Returns the squared difference of two colours.
 #[inline(always)]
 fn square(one: [f32; 3], other: [f32; 3]) -> f32 {
     let [red, green, blue] = [0, 1, 2].map(|channel| one[channel] - other[channel]);
     red * red + green * green + blue * blue
 }
 
-/// From 1 for equal colours towards 0.
+/// Returns the similarity for a squared difference of colours: 1 for equal colours, decreasing towards 0.
 #[inline(always)]
 fn likeness(square: f32) -> f32 {
     1.0 / (1.0 + square * (1.0 / (CONTRAST * CONTRAST)))
@@ -256,7 +255,7 @@ mod tests {
     const GRID: (usize, usize) = (6, 8);
     const SIZE: (usize, usize) = (24, 32);
 
-    /// Colours of the image by column and row; those of the grid are the means of their 4x4 pixels.
+    /// Makes an image from colours by column and row; colours of the grid are the means of its 4x4 pixels.
     fn upsampling(shade: impl Fn(usize, usize) -> [u8; 3]) -> Upsampling {
         let pixels = (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.1, i / SIZE.1));
         let image: Vec<u8> = pixels.flat_map(|(x, y)| shade(x, y)).collect();
@@ -286,7 +285,7 @@ mod tests {
 
     #[test]
     fn a_step_between_two_colours_is_as_sharp_as_the_image() {
-        // Beside the border of two pixels of the grid, and in the middle of one.
+        // Next to the border of two pixels of the grid, and in the middle of one.
         for edge in [16, 18] {
             let upsampling = upsampling(|x, _| {
                 if x < edge {
@@ -300,14 +299,14 @@ mod tests {
             let map = upsampling.enlarge(&values, SIZE);
             for (i, value) in map.iter().enumerate() {
                 let x = i % SIZE.1;
-                // The pixel of the grid that the edge divides has a colour between both.
+                // The pixel of the grid across the edge has a mixed colour.
                 if x.abs_diff(edge) < 2 * (edge - 16) {
                     continue;
                 }
                 let expected = if x < edge { 1.0 } else { 5.0 };
                 assert!((value - expected).abs() < 0.05, "{edge} {x}: {value}");
             }
-            // Bilinear interpolation is half a metre off beside the edge.
+            // Bilinear interpolation has an error of half a metre next to the edge.
             let plain = InterpolationWeights::new([15.0, 11.0], SIZE, GRID);
             let values: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
             assert!(plain.read(&values) > 2.4);
@@ -321,7 +320,7 @@ mod tests {
         let values: Vec<f32> = (0..GRID.0 * GRID.1)
             .map(|i| plane((i % GRID.1) as f64, (i / GRID.1) as f64) as f32)
             .collect();
-        // At the size of the image, at another one, and at that of the grid.
+        // At the size of the image, at another size, and at that of the grid.
         for size in [SIZE, (31, 50), GRID] {
             let found = upsampling.enlarge(&values, size);
             for (i, value) in found.iter().enumerate() {

@@ -1,16 +1,15 @@
-//! Which observations can be used, and why the others cannot.
+//! Selection of the usable observations, and counts of the others.
 
 use crate::ensemble::mirrored_place;
 use crate::error::{FitError, Result};
 use crate::observations::{Observation, Observations};
 use crate::smoothing::Smoothed;
 
-/// The accepted range of depths and standard deviations, in any unit; beyond it, squares overflow or
-/// underflow `f32`.
+/// The accepted range of depths and standard deviations, in any unit; outside it, squares overflow or underflow `f32`.
 const LEAST: f32 = 1e-15;
 const MOST: f32 = 1e15;
 
-/// The observations that a fit can use, in their order.
+/// The observations that a fit can use, in the given order.
 #[derive(Clone, Debug)]
 pub(crate) struct UsableObservations {
     /// Number of observations given.
@@ -19,11 +18,11 @@ pub(crate) struct UsableObservations {
     pub(crate) indices: Vec<usize>,
     pub(crate) places: Vec<[f64; 2]>,
     pub(crate) depths: Vec<f32>,
-    /// Standard deviations, if any is known.
+    /// Standard deviations; `None` if all are unknown.
     pub(crate) deviations: Option<Vec<Option<f32>>>,
-    /// What depths and deviations are where dense observations were smoothed by their deviations.
+    /// Smoothed depths and deviations, if dense observations were smoothed.
     pub(crate) smoothed: Option<Smoothed>,
-    /// Number of observations whose depth or position cannot be used.
+    /// Number of observations with an unusable depth or position.
     pub(crate) invalid: usize,
     pub(crate) outside: usize,
     /// Number of observations without a standard deviation, if others have one.
@@ -40,7 +39,7 @@ impl UsableObservations {
         Ok(usable)
     }
 
-    /// The same without smoothing.
+    /// Like [`Self::new`], without smoothing.
     fn as_given(
         observations: &Observations,
         (height, width): (usize, usize),
@@ -89,7 +88,7 @@ impl UsableObservations {
         Ok(usable)
     }
 
-    /// The same observations in the mirror image of an image of `size` (height, width).
+    /// Returns the same observations in the mirror image of an image of `size` (height, width).
     pub(crate) fn mirrored(&self, size: (usize, usize)) -> Self {
         let places = self.places.iter();
         let places: Vec<[f64; 2]> = places.map(|&place| mirrored_place(place, size.1)).collect();
@@ -103,20 +102,20 @@ impl UsableObservations {
         }
     }
 
-    /// The depths that are fitted.
+    /// Returns the depths used in the fit.
     pub(crate) fn fitted(&self) -> &[f32] {
         self.smoothed
             .as_ref()
             .map_or(&self.depths, |smoothed| &smoothed.depths)
     }
 
-    /// The standard deviations of these, if any is known.
+    /// Returns the standard deviations of the fitted depths; `None` if all are unknown.
     pub(crate) fn fitted_deviations(&self) -> Option<&[Option<f32>]> {
         let smoothed = self.smoothed.as_ref().map(|smoothed| &smoothed.deviations);
         smoothed.or(self.deviations.as_ref()).map(Vec::as_slice)
     }
 
-    /// The error that no observation can be used.
+    /// Returns the error for observations of which none is usable.
     pub(crate) fn no_observations(&self) -> FitError {
         FitError::NoObservations {
             given: self.given,
@@ -144,10 +143,10 @@ impl UsableObservations {
 }
 
 impl Observations {
-    /// Checks that a fit to an image of `width` x `height` pixels can use some of them, before the network looks at the image.
+    /// Checks that a fit to an image of `width` x `height` pixels can use some of them, before the network is run.
     ///
     /// # Errors
-    /// None that is usable: the error says how many lie outside, or have an unusable depth.
+    /// No observation is usable: the error counts observations outside the image, and those with an unusable depth.
     ///
     /// ```
     /// let mut points = lsdc_core::Observations::new();

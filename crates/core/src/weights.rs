@@ -17,7 +17,7 @@ use std::path::Path;
 pub struct Normalisation {
     /// Subtracted from colours in `[0, 1]`.
     pub mean: [f32; 3],
-    /// Divisor of the colours after that.
+    /// Divisor of the colours after the mean is subtracted.
     pub deviation: [f32; 3],
     /// Height and width of the training images: the size at which the network works best.
     pub input: [usize; 2],
@@ -68,22 +68,21 @@ impl Normalisation {
     }
 }
 
-/// What is learned about the basis functions after training.
+/// Quantities estimated for the basis functions after training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
     /// The prior over the noise.
     pub noise: NoisePrior,
-    /// The calibration factor from the standard deviations of the fit to those of the errors, for fits that
-    /// `errors` is not for.
+    /// Calibration factor from the standard deviations of the fit to those of the errors, for fits to which `errors` does not
+    /// apply.
     pub deviation: f64,
     /// The distribution of the errors of the joint fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub errors: Option<ErrorModel>,
 }
 
-/// A trained network with everything that belongs to it: preprocessing, settings of the fit, and the prior
-/// over the weights of its basis functions.
+/// A trained network with its preprocessing, the settings of the fit, and the prior over the weights of its basis functions.
 ///
 /// ```
 /// use lsdc_core::Weights;
@@ -119,23 +118,23 @@ pub struct Weights {
 pub const TABLE: &str = "table.";
 /// The name of a metadata record that every file has: the sizes of the network.
 pub const NETWORK: &str = "network";
-/// The same: the normalisation.
+/// The name of another required record: the normalisation.
 pub const NORMALISATION: &str = "normalisation";
-/// The same: the version of the program that wrote the file.
+/// The name of another required record: the version of the program that wrote the file.
 pub const VERSION: &str = "lsdc";
-/// Pixels of the images of a training.
+/// Largest number of pixels of the training images.
 const LARGEST_INPUT: usize = 1 << 23;
-/// The note that holds a `FitConfig`.
+/// Name of the note that holds a `FitConfig`.
 const FIT: &str = "fit";
-/// The note that holds a `Calibration`.
+/// Name of the note that holds a `Calibration`.
 const CALIBRATION: &str = "calibration";
-/// The tables that hold a prior.
+/// Names of the tables that hold a prior.
 const MEAN: &str = "prior.mean";
 const FACTOR: &str = "prior.factor";
 const POOLED: &str = "prior.pooled";
 
 impl std::fmt::Debug for Weights {
-    /// Not the numbers, of which there are millions.
+    /// Omits the values, of which there are millions.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Weights")
             .field("network", &self.network)
@@ -170,7 +169,7 @@ impl Weights {
         Self::embedded(DEFAULT)
     }
 
-    /// Smaller weights for low-power machines: two thirds of the time, less accurate.
+    /// Smaller, less accurate weights for low-power machines: two thirds of the run time.
     ///
     /// # Panics
     /// Never: the tests of the crate read them.
@@ -198,8 +197,8 @@ impl Weights {
         Self::from_bytes(&bytes)
     }
 
-    /// Reads the bytes of a weights file. They are not trusted: declared sizes are compared with the length
-    /// before anything is allocated.
+    /// Reads the bytes of a weights file. They are untrusted: declared sizes are compared with the length before memory is
+    /// allocated.
     ///
     /// # Errors
     /// Bytes that are not a safetensors file with the metadata that lsdc writes, numbers that are not
@@ -221,7 +220,7 @@ impl Weights {
         take(VERSION)?;
         network.check()?;
         normalisation.check()?;
-        // A file must not decide on tens of gigabytes; a user may.
+        // A file must not cause allocations of tens of gigabytes; a user may.
         if normalisation.input[0] * normalisation.input[1] > LARGEST_INPUT {
             let reason = format!("images of more than {LARGEST_INPUT} pixels are implausible");
             return Err(WeightsError::record(NORMALISATION, reason).into());
@@ -330,7 +329,7 @@ impl Weights {
     }
 
     fn keep<T: Serialize>(&mut self, name: &str, value: &T) {
-        // Plain structs of numbers and names always have a form.
+        // Plain structs of numbers and names can always be serialised.
         let json = serde_json::to_string(value).unwrap_or_default();
         self.notes.insert(name.to_owned(), json);
     }
@@ -348,7 +347,7 @@ pub fn is_statistic(name: &str) -> bool {
     name.contains(".running_")
 }
 
-/// The sizes of the network, unless they are of one that only earlier versions can run.
+/// Parses the sizes of the network; an error for networks that only earlier versions support.
 fn parsed_network(json: &str) -> Result<NetworkConfig, WeightsError> {
     #[derive(Deserialize)]
     struct Earlier {
@@ -403,7 +402,7 @@ mod tests {
         assert_eq!(weights.prior().unwrap().unwrap().0, plain);
     }
 
-    /// Weights that were stored until 0.2.0 name what is fitted.
+    /// Weights from versions up to 0.2.0 name the fitted function of depth.
     #[test]
     fn a_fit_of_another_function_of_depth_is_refused() {
         let mut weights = Weights::builtin_small();

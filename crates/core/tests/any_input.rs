@@ -1,5 +1,4 @@
-//! Whatever is put in, something sound or an error comes out: never a panic, never a number that is not
-//! finite.
+//! Any input yields a valid result or an error: never a panic, never a number that is not finite.
 
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
@@ -15,7 +14,7 @@ use std::sync::LazyLock;
 static COMPLETER: LazyLock<Completer> =
     LazyLock::new(|| Completer::new(&Weights::builtin_small()).unwrap());
 
-/// Ordinary numbers, and those that programs forget.
+/// Ordinary numbers and edge cases.
 fn coordinate() -> impl Strategy<Value = f64> {
     prop_oneof![
         8 => -1.0..80.0_f64,
@@ -47,7 +46,7 @@ fn observations() -> impl Strategy<Value = Observations> {
     prop_oneof![
         6 => list(60).prop_map(|list| list.into_iter().collect()),
         1 => list(600).prop_map(|list| list.into_iter().collect()),
-        // All on one pixel.
+        // All in one pixel.
         2 => list(20).prop_map(|list| {
             list.into_iter().map(|p| Observation { u: 3.0, v: 2.0, ..p }).collect()
         }),
@@ -71,7 +70,7 @@ proptest! {
     #![proptest_config(ProptestConfig {
         cases: 100,
         failure_persistence: None,
-        // The same cases every time.
+        // The same cases in every run.
         rng_seed: RngSeed::Fixed(1),
         ..ProptestConfig::default()
     })]
@@ -108,7 +107,7 @@ proptest! {
             prop_assert!(!list.iter().any(|v| v.is_infinite()));
         }
         let finite = lists.each_ref().map(|list| list.iter().filter(|v| v.is_finite()).count());
-        // Observations that are met whatever they are have no leave-one-out error.
+        // Observations that are interpolated exactly for any depths have no leave-one-out error.
         prop_assert_eq!([finite[0], finite[2]], [report.used; 2]);
         prop_assert!(finite[1] <= report.used);
         prop_assert_eq!(finite[1] == 0, completion.leave_one_out_error().is_none());
@@ -166,13 +165,13 @@ proptest! {
             bytes.truncate(cut.index(bytes.len()));
         }
         if let Ok(weights) = Weights::from_bytes(&bytes) {
-            // Numbers that changed are still numbers; anything else is found here.
+            // Changed values are still numbers; any other damage is detected here.
             let _ = Completer::new(&weights);
         }
     }
 }
 
-/// A weights file that declares this network and has no tensor.
+/// Returns a weights file that declares this network and has no tensors.
 fn declaring(network: &str) -> Vec<u8> {
     let notes = serde_json::json!({ "lsdc": "0.2.0", "normalisation": "{}", "network": network });
     let header = serde_json::json!({ "__metadata__": notes }).to_string();
@@ -181,7 +180,7 @@ fn declaring(network: &str) -> Vec<u8> {
     bytes
 }
 
-/// What a file declares is compared with its length before anything is allocated.
+/// Declared sizes are compared with the length of the file before memory is allocated.
 #[test]
 fn a_weights_file_that_declares_a_huge_network_is_refused() {
     let bytes = declaring(r#"{"bases":4000000000,"hidden":[4000000000]}"#);
@@ -189,7 +188,7 @@ fn a_weights_file_that_declares_a_huge_network_is_refused() {
     assert!(error.to_string().contains("bases"), "{error}");
 }
 
-/// Without them, the network would read other features than it was trained with.
+/// Without the adapters, the network would get other features than in training.
 #[test]
 fn weights_with_adapters_are_refused() {
     let error =

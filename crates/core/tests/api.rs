@@ -1,4 +1,4 @@
-//! The interface as an embedder uses it.
+//! The public interface, as used by an embedding program.
 
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
@@ -41,7 +41,7 @@ fn scene_of(completer: &Completer, width: usize, height: usize) -> Scene {
     completer.scene(&image).unwrap()
 }
 
-/// A plane with a step, at places between pixels.
+/// A plane with a step, at positions between pixels.
 fn observations(width: usize, height: usize, count: usize) -> Observations {
     let share = |i: usize, by: f64| (i as f64 * by).fract();
     let observation = |i: usize| {
@@ -67,7 +67,7 @@ fn with(completer: &Completer, change: impl FnOnce(&mut FitConfig)) -> Completer
     completer.with_fit(fit)
 }
 
-/// The written map, read bilinearly between the centres of its pixels.
+/// Interpolates the written map bilinearly between the centres of its pixels.
 fn read(map: &DepthMap, u: f64, v: f64) -> f64 {
     let between = |place: f64, length: usize| {
         let place = place.clamp(0.0, (length - 1) as f64);
@@ -84,13 +84,13 @@ fn read(map: &DepthMap, u: f64, v: f64) -> f64 {
     along(top) * (1.0 - down) + along(bottom) * down
 }
 
-/// At 640x480 the network works at 304x228: what is reported must be that of the map that is written. More than 1000 points
-/// are fitted from a sample.
+/// At 640x480 the network works at 304x228: residuals must be those of the map that is written. More than 1000 points are
+/// fitted from a sample.
 #[test]
 fn residuals_are_those_of_the_written_map() {
     for (width, height, count) in [(640, 480, 300), (304, 228, 1500), (160, 120, 1500)] {
         let scene = scene_of(&COMPLETER, width, height);
-        // On centres, where the map has values.
+        // On pixel centres, where the map has values.
         let given: Observations = observations(width, height, count)
             .iter()
             .map(|p| Observation {
@@ -116,7 +116,7 @@ fn residuals_are_those_of_the_written_map() {
 fn places_between_pixels_are_read_as_maps_of_any_size_are() {
     let scene = scene_of(&COMPLETER, 96, 72);
     let completion = scene.complete(&observations(96, 72, 120)).unwrap();
-    // The centres of a map of four times the size lie between pixels.
+    // The pixel centres of a map of four times the size are between pixels of the image.
     let large = completion.depth_at(384, 288).unwrap();
     let places: Vec<[f64; 2]> = (0..200)
         .map(|i| [(i * 37 % 384) as f64, (i * 53 % 288) as f64])
@@ -133,7 +133,7 @@ fn places_between_pixels_are_read_as_maps_of_any_size_are() {
     assert!(completion.at(&[]).unwrap().is_empty());
 }
 
-/// An image with more pixels than the network sees is read along its edges.
+/// A map of an image larger than the working size is interpolated along its edges.
 #[test]
 fn maps_of_larger_images_and_their_places_are_read_alike() {
     let scene = scene_of(&COMPLETER, 500, 380);
@@ -167,7 +167,7 @@ fn maps_of_larger_images_and_their_places_are_read_alike() {
     }
 }
 
-/// Every point at its own place: a shift by half a pixel shows as a shift of the map.
+/// Every point at its exact position: an offset of half a pixel would shift the map.
 #[test]
 fn points_are_observed_where_they_are() {
     let ramp = |u: f64| (2.0 + 0.02 * u) as f32;
@@ -186,7 +186,7 @@ fn points_are_observed_where_they_are() {
     let mut worst = 0.0_f64;
     for y in 20..130 {
         for x in 20..180 {
-            // In pixels of the ramp.
+            // In pixels, by the slope of the ramp.
             let off = (f64::from(depth.at(x, y)) - f64::from(ramp(x as f64))) / 0.02;
             worst = worst.max(off.abs());
         }
@@ -252,7 +252,7 @@ fn what_is_left_out_is_counted() {
         (report.given, report.used, report.invalid, report.outside),
         (30, 21, 6, 3)
     );
-    // A standard deviation of 0 is unknown, like all others.
+    // A standard deviation of 0 is unknown, as are all others.
     assert_eq!(report.without_deviation, 0);
     let used = |values: Vec<f64>| values.iter().filter(|v| v.is_finite()).count();
     assert_eq!(used(completion.residuals()), 21);
@@ -293,7 +293,7 @@ fn points_without_a_deviation_among_others_are_counted() {
     );
 }
 
-/// One rule for every door: a standard deviation that is 0, negative or not finite is unknown.
+/// The same rule for every input: a standard deviation that is 0, negative or not finite is unknown.
 #[test]
 fn unusable_deviations_are_unknown() {
     let scene = scene_of(&COMPLETER, 64, 48);
@@ -308,7 +308,7 @@ fn unusable_deviations_are_unknown() {
     for sigma in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         assert_eq!(map(Some(sigma)), unknown, "{sigma}");
     }
-    // They do not count like exact ones.
+    // They do not count as exact measurements.
     let least = |sigma: Option<f32>| {
         let points = with_sigma(&given, |i| if i < 5 { sigma } else { Some(0.1) });
         let weights = scene.complete(&points).unwrap().point_weights();
@@ -317,7 +317,7 @@ fn unusable_deviations_are_unknown() {
     assert!(least(None) <= 0.5 && least(Some(1e-9)) > 0.99);
 }
 
-/// The depths of a wall with a step, of most pixels of an image that is larger than the grid.
+/// The depths of a wall with a step, at most pixels of an image larger than the grid.
 fn dense_depths(width: usize, height: usize) -> Observations {
     let mut points = Observations::new();
     for y in 0..height {
@@ -332,8 +332,8 @@ fn dense_depths(width: usize, height: usize) -> Observations {
     points
 }
 
-/// In dense input, leave-one-out errors are those of the map that is written, which follows each depth: to first order, which
-/// leaves a third of noise that no neighbour shares.
+/// For dense input, leave-one-out errors are those of the written map, which follows each depth. They are first-order
+/// approximations, with errors of a third of the noise that no neighbour shares.
 #[test]
 fn leave_one_out_errors_of_dense_depths_are_those_of_maps_without_the_point() {
     let (width, height) = (400, 300);
@@ -361,8 +361,8 @@ fn leave_one_out_errors_of_dense_depths_are_those_of_maps_without_the_point() {
     );
 }
 
-/// Standard deviations are in the unit of the depths: precise measurements are followed, rough ones are smoothed,
-/// and the result is then less sure. Depths and deviations times ten give ten times the result.
+/// Standard deviations are in the unit of the depths: precise measurements are followed, imprecise ones are smoothed, and the
+/// result is then less certain. Depths and deviations times ten give ten times the result.
 #[test]
 fn deviations_of_points_are_absolute() {
     let scene = scene_of(&COMPLETER, 96, 72);
@@ -409,7 +409,7 @@ fn deviations_of_points_are_absolute() {
     for (scaled, depth) in pairs {
         assert!((scaled / depth - 10.0).abs() < 1e-3);
     }
-    // One precise point takes nothing from the others.
+    // One precise point does not reduce the weights of others.
     let one = scene.complete(&with_sigma(&given, |i| {
         Some(if i == 7 { 1e-6 } else { 0.3 })
     }));
@@ -420,7 +420,7 @@ fn deviations_of_points_are_absolute() {
     );
 }
 
-/// Student's t with these degrees of freedom: the bound of 95.45 % over that of 68.27 %.
+/// Student's t distribution with these degrees of freedom: the ratio of the bounds of 95.45 % and 68.27 %.
 #[test]
 fn intervals_grow_with_their_level() {
     let scene = scene_of(&COMPLETER, 96, 72);
@@ -435,7 +435,7 @@ fn intervals_grow_with_their_level() {
     assert!(completion.interval(1.0).is_err() && completion.interval(f64::NAN).is_err());
 }
 
-/// A point that is known to be unsure is no outlier for being off.
+/// A point with a large known deviation is not an outlier because of its error.
 #[test]
 fn outliers_are_judged_by_their_own_deviations() {
     let scene = scene_of(&COMPLETER, 96, 72);
@@ -490,7 +490,7 @@ fn the_next_frame_of_a_video_starts_from_the_one_before() {
     let near = scene.complete_near(&few, many.weights()).unwrap();
     let near = error(near.depth().unwrap());
     assert!(near < 0.9 * alone, "{near} {alone}");
-    // Weights of other basis functions, and none that say anything.
+    // Weights of other basis functions, and uninformative weights.
     let count = many.weights().len();
     for wrong in [
         vec![1.0],
@@ -523,7 +523,7 @@ fn only_fits_with_the_learned_prior_are_drawn_towards_another() {
     }
 }
 
-/// Threads that wait for their part of one question take up another that needs the same answer.
+/// Threads that wait for a part of one result may steal a task that needs the same result.
 #[test]
 fn a_completion_can_be_asked_from_many_threads_at_once() {
     let scene = scene_of(&COMPLETER, 64, 48);
@@ -547,7 +547,7 @@ fn a_completion_can_be_asked_from_many_threads_at_once() {
     }
 }
 
-/// A fit with as many functions as points meets them all, whatever they are.
+/// A fit with as many functions as points interpolates any points.
 #[test]
 fn a_fit_that_meets_every_point_knows_nothing_of_its_errors() {
     let saturated = with(&COMPLETER, |fit| {
@@ -611,7 +611,7 @@ fn a_pool_of_millions_of_threads_is_refused() {
 
 #[test]
 fn an_instruction_set_that_the_processor_lacks_is_refused() {
-    // It is read once in a process.
+    // The variable is read once per process.
     if std::env::var("LSDC_SIMD").as_deref() != Ok("sse") {
         let name = "an_instruction_set_that_the_processor_lacks_is_refused";
         let run = Command::new(std::env::current_exe().unwrap())
@@ -683,7 +683,7 @@ fn weights_of_the_crate_are_sound() {
 
 #[test]
 fn depth_between_points_is_plausible() {
-    // Of the plane with a step, every other point is fitted, and the others are looked at.
+    // Every other point of the plane with a step is fitted, and the others are checked.
     let all = observations(160, 120, 800);
     let given: Observations = all.iter().step_by(2).copied().collect();
     let depth = scene_of(&COMPLETER, 160, 120)
@@ -737,7 +737,7 @@ fn handles_are_printed_without_their_numbers() {
     }
 }
 
-/// What is given back after the only fit to an image is found again where it is asked for.
+/// Data freed after the only fit to an image is recomputed when needed.
 #[test]
 fn the_only_fit_to_an_image_is_that_of_any_other() {
     let (width, height) = (320, 240);

@@ -73,7 +73,7 @@ impl Frame {
         self.scene(&completer.with_quality(Quality::Best))
     }
 
-    /// The completions of the image and of its mirror image, and their mean.
+    /// Returns the completions of the image and of its mirror image, and their mean.
     fn completed(&self, completer: &Completer) -> [Completion; 3] {
         let mirror = self.mirrored();
         [
@@ -89,14 +89,14 @@ fn mirrored<T: Copy>(values: &[T], width: usize) -> Vec<T> {
     (0..values.len()).map(pixel).collect()
 }
 
-/// The mean of a map and that of the mirror image.
+/// Returns the mean of a map and that of the mirror image.
 fn mean(own: &DepthMap, of_mirror: &DepthMap) -> Vec<f32> {
     let others = mirrored(of_mirror.values(), own.width());
     let pairs = own.values().iter().zip(others);
     pairs.map(|(a, b)| 0.5 * (a + b)).collect()
 }
 
-/// Checks that numbers of observations are means of both.
+/// Checks that values of observations are means of both fits.
 fn assert_means(best: &[f64], own: &[f64], of_mirror: &[f64]) {
     assert!(best.iter().any(|value| value.is_finite()));
     for (i, value) in best.iter().enumerate() {
@@ -147,7 +147,7 @@ fn assert_is_mean(frame: &Frame, [own, of_mirror, best]: &[Completion; 3]) {
     assert_eq!(best.freedom(), own.freedom());
     let limited = |one: &Completion| one.report().limited;
     assert_eq!(limited(best), limited(own).max(limited(of_mirror)));
-    // Both take part.
+    // Both contribute.
     let map = |one: &Completion| one.depth().unwrap();
     assert_ne!(map(own).values(), mirrored(map(of_mirror).values(), width));
 }
@@ -172,7 +172,7 @@ fn a_completion_is_the_mean_of_those_of_an_image_and_of_its_mirror_image() {
 fn larger_images_and_measured_points_are_mirrored_too() {
     let mut frame = Frame::new(400, 300, 150);
     assert_is_mean(&frame, &frame.completed(&COMPLETER));
-    // So dense that depths are smoothed, and that the map follows each of them.
+    // Dense enough for smoothing, and for a map that follows each depth.
     let points = (0..400 * 300).filter(|i| i % 7 > 0).map(|i| Observation {
         u: f64::from(i % 400),
         v: f64::from(i / 400),
@@ -254,7 +254,7 @@ fn an_outlier_is_one_by_the_mean_of_both_probabilities() {
     for (best, own, of_mirror) in means {
         assert!((best - 0.5 * (own + of_mirror)).abs() < 1e-9);
     }
-    // Whose scales are those of each: score = error / scale.
+    // The scales are those of both fits: score = error / scale.
     let scales = [own, of_mirror].map(|one| one.error / one.score);
     assert!((best.score * 0.5 * (scales[0] + scales[1]) / best.error - 1.0).abs() < 1e-9);
 }
@@ -275,10 +275,10 @@ fn guides_are_mirrored() {
     let own = guided(&frame, &COMPLETER, &here);
     let expected = mean(&own, &guided(&mirror, &COMPLETER, &there));
     for (best, expected) in best.values().iter().zip(expected) {
-        // Sums over the guide run in another order.
+        // Sums over the guide have another order.
         assert!((best / expected - 1.0).abs() < 1e-3, "{best} {expected}");
     }
-    // A guide that comes later is the same.
+    // A guide that is added later has the same effect.
     let later = frame.best(&COMPLETER).with_guide(Some(&here));
     let later = later.complete(&frame.points).unwrap().depth().unwrap();
     assert_eq!(later, best);
@@ -337,7 +337,7 @@ fn the_next_frame_of_a_video_starts_from_both_fits() {
 #[test]
 fn a_pixel_counts_as_clamped_if_either_fit_clamps_it() {
     let mut frame = Frame::new(96, 72, 60);
-    // Between such points, the paper's fit goes far beyond them.
+    // Between such points, the paper's fit extrapolates far beyond them.
     let points = frame.points.iter().enumerate();
     let points = points.map(|(i, point)| Observation {
         depth: if i.is_multiple_of(3) { 20.0 } else { 1.0 },

@@ -10,7 +10,7 @@ use lsdc_core::{
 const WIDTH: usize = 96;
 const HEIGHT: usize = 72;
 
-/// A floor that rises to a wall, and a box before them.
+/// A floor that rises to a wall, and a box in front of them.
 fn truth() -> Vec<f32> {
     let depth = |x: usize, y: usize| {
         if (30..60).contains(&x) && (35..60).contains(&y) {
@@ -41,7 +41,7 @@ fn error(map: &DepthMap) -> f64 {
     (squares / (WIDTH * HEIGHT) as f64).sqrt()
 }
 
-/// The error and the trust with a guide, or without one.
+/// Returns the error and the trust with a guide, or without one.
 fn completed(
     completer: &Completer,
     guide: Option<&DepthGuide>,
@@ -203,10 +203,10 @@ fn fits_with_other_settings_share_a_scene() {
     assert!(scene.with_robust(Some(wrong)).is_err());
 }
 
-/// The reference is a scene that was made with the settings.
+/// The reference is a scene made with these settings.
 #[test]
 fn other_fits_to_an_image_do_not_run_the_network_again() {
-    // More pixels than the network sees, so that maps are read along the edges of the image.
+    // More pixels than the working size, so that maps are interpolated along the edges of the image.
     let (width, height) = (480, 360);
     let completer = Completer::new(&Weights::builtin_small()).unwrap();
     let rgb: Vec<u8> = (0..3 * width * height)

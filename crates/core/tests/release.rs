@@ -1,4 +1,4 @@
-//! What `Completer::release` and `DepthAnything::release` leave allocated.
+//! Memory that `Completer::release` and `DepthAnything::release` leave allocated.
 
 #![allow(clippy::unwrap_used)]
 
@@ -35,7 +35,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Memory in use after `work` and after `release`, in MiB beyond what is allocated once and for all: threads, tables.
+/// Returns the memory in use after `work` and after `release`, in MiB beyond permanent allocations such as threads and tables.
 fn kept_and_left(work: impl Fn(usize), release: impl Fn(), sizes: [usize; 2]) -> (f64, f64) {
     let in_use = || IN_USE.load(Ordering::Relaxed) as f64 / f64::from(1 << 20);
     work(sizes[0]);
@@ -53,7 +53,7 @@ fn colours((width, height): (usize, usize)) -> Vec<u8> {
     bytes.map(|i| (i / 7 % 251) as u8).collect()
 }
 
-/// One test, as the memory of all threads is counted.
+/// A single test, because the memory of all threads is counted.
 #[test]
 fn nothing_is_kept_after_release() {
     let completer = Completer::new(&Weights::builtin_small()).unwrap();
@@ -87,6 +87,6 @@ fn nothing_is_kept_after_release() {
     let predict = |short_side: usize| drop(network.predict(&image, short_side).unwrap());
     let (kept, left) = kept_and_left(predict, || network.release(), [252, 518]);
     assert!(kept > 10.0, "{kept} MiB");
-    // The rows of patches that one thread of the encoder embeds at once take 0.11 MiB.
+    // The patch rows that one thread of the encoder embeds at once take 0.11 MiB.
     assert!(left < 0.05, "{left} of {kept} MiB");
 }

@@ -1,4 +1,4 @@
-//! Voxels in sparse blocks.
+//! Sparse blocks of voxels.
 
 use crate::error::{Error, Result};
 use crate::measure::Measurements;
@@ -6,31 +6,31 @@ use lsdc_core::cloud::pixel;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Voxels along an edge of a block, and in it.
+/// Number of voxels along an edge of a block, and in a block.
 pub(crate) const SIDE: usize = 8;
 pub(crate) const VOXELS: usize = SIDE * SIDE * SIDE;
 
-/// Where a block is, in edge lengths of a block.
+/// Position of a block, in multiples of its edge length.
 pub(crate) type Key = [i32; 3];
 
-/// Means of 8x8x8 voxels, x fastest.
+/// Mean values of 8x8x8 voxels, with x varying fastest.
 #[derive(Clone, Debug)]
 pub(crate) struct Block {
-    /// The truncated signed distance at the centre of each voxel.
+    /// Truncated signed distance at the centre of each voxel.
     pub(crate) distance: [f32; VOXELS],
-    /// The sum of the weights; 0 = never measured.
+    /// Sum of the weights; 0 if never measured.
     pub(crate) weight: [f32; VOXELS],
-    /// Red, green, blue and the sum of their weights, from the first coloured frame on.
+    /// Red, green, blue and the sum of their weights; allocated at the first coloured frame.
     pub(crate) colour: Option<Box<[[f32; 4]; VOXELS]>>,
 }
 
-/// Blocks by their keys.
+/// Blocks, found by their keys.
 #[derive(Clone, Debug)]
 pub(crate) struct Blocks {
     edge: f64,
     index: HashMap<Key, usize>,
     keys: Vec<Key>,
-    /// In the order of the keys.
+    /// Blocks in the order of the keys.
     voxels: Vec<Box<Block>>,
     has_colour: bool,
 }
@@ -46,7 +46,7 @@ impl Blocks {
         }
     }
 
-    /// The edge length of a voxel.
+    /// Returns the edge length of a voxel.
     pub(crate) fn edge(&self) -> f64 {
         self.edge
     }
@@ -59,22 +59,22 @@ impl Blocks {
         self.index.get(&key).map(|&index| &*self.voxels[index])
     }
 
-    /// The keys in ascending order.
+    /// Returns the keys in ascending order.
     pub(crate) fn sorted_keys(&self) -> Vec<Key> {
         let mut keys = self.keys.clone();
         keys.par_sort_unstable();
         keys
     }
 
-    /// Bytes of all blocks, at most: a block that no coloured frame has seen has no colours.
+    /// Returns an upper bound of the size of all blocks in bytes: blocks that no coloured frame has seen have no colours.
     pub(crate) fn memory(&self) -> usize {
         self.len() * bytes(self.has_colour)
     }
 
-    /// Adds the blocks that a frame measures.
+    /// Adds the blocks measured by a frame.
     ///
     /// # Errors
-    /// More than `most` bytes; there are then as many blocks as before.
+    /// The blocks would need more than `most` bytes; none is added.
     pub(crate) fn allocate(&mut self, measurements: &Measurements, most: usize) -> Result<()> {
         let mut keys: Vec<Key> = measurements
             .spans
@@ -103,7 +103,7 @@ impl Blocks {
         Ok(())
     }
 
-    /// The blocks along the normals of the pixels of a row, each once, in ascending order.
+    /// Returns the blocks along the normals of the pixels of a row, without duplicates, in ascending order.
     fn touched(&self, spans: &[[[f64; 3]; 2]]) -> Vec<Key> {
         let block = SIDE as f64 * self.edge;
         let mut keys: Vec<Key> = Vec::new();
@@ -124,7 +124,7 @@ impl Blocks {
         keys
     }
 
-    /// Adds the measurements of a frame to every block that the camera sees.
+    /// Adds the measurements of a frame to every block in the camera's view.
     pub(crate) fn integrate(&mut self, measurements: &Measurements) {
         let edge = self.edge;
         let blocks = self.voxels.par_iter_mut().zip(&self.keys);
@@ -134,7 +134,7 @@ impl Blocks {
     }
 }
 
-/// Bytes of a block with what finds it.
+/// Returns the size of a block and its key in bytes.
 fn bytes(has_colour: bool) -> usize {
     let colour = if has_colour {
         size_of::<[[f32; 4]; VOXELS]>()
@@ -144,14 +144,14 @@ fn bytes(has_colour: bool) -> usize {
     size_of::<Block>() + 2 * size_of::<(Key, usize)>() + colour
 }
 
-/// The centre of a voxel of a block along an axis.
+/// Returns the centre of a voxel of a block along an axis.
 pub(crate) fn center(key: i32, voxel: f64, edge: f64) -> f64 {
     (f64::from(key) * SIDE as f64 + voxel + 0.5) * edge
 }
 
-/// Whether any voxel of a block may be in the image. Blocks that are not are mostly recognised.
+/// Whether any voxel of a block may be in the image. Most blocks outside the image are recognised.
 fn may_see(measurements: &Measurements, key: Key, edge: f64) -> bool {
-    /// Lenses enlarge less at the edge of an image.
+    /// Upper bound of the local magnification, relative to that at the centre.
     const ENLARGED: f64 = 2.0;
     let camera = &measurements.camera;
     let middle = key.map(|key| center(key, 0.5 * (SIDE as f64 - 1.0), edge));
@@ -218,7 +218,7 @@ impl Block {
             let share = plane.weight / *weight;
             let mean = &mut self.distance[index];
             *mean += share * (distance - *mean);
-            // Colours are of the surface alone, not of what is seen through the space in front of it.
+            // Only voxels near the surface are coloured, not the free space in front of it.
             if let Some(colours) = colours
                 && distance < plane.truncation
             {

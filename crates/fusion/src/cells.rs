@@ -1,15 +1,16 @@
-//! The triangles of a cell of marching cubes (Lorensen and Cline 1987).
+//! Triangles of a marching-cubes cell (Lorensen and Cline 1987).
 //!
 //! The 256 cases are derived from one rule instead of a table. On every face of the cell, the surface separates each run of
-//! inside corners from the rest (Bloomenthal 1988). The rule depends on the corners of the face alone, so that two cells
-//! agree on the face between them and the surface has no cracks. The segments on the six faces form closed polygons.
+//! inside corners from the rest (Bloomenthal 1988). The rule depends only on the corners of the face, so two cells agree on
+//! their common face and the surface has no cracks. The segments on the six faces form closed polygons.
 
 use std::sync::LazyLock;
 
-/// A triangle of edges, counter-clockwise seen from outside.
+/// A triangle given by three edges, counter-clockwise seen from outside.
 pub(crate) type EdgeTriangle = [u8; 3];
 
-/// The triangles of each case. Bit c of the case is set if corner c is inside, where bit a of c is its position along axis a.
+/// The triangles of each case. Bit c of the case is set if corner c is inside; bit a of c is the position of the corner along
+/// axis a.
 pub(crate) static TRIANGLES: LazyLock<Vec<Vec<EdgeTriangle>>> =
     LazyLock::new(|| (0..=255).map(triangles).collect());
 
@@ -29,7 +30,7 @@ pub(crate) const EDGES: [(u8, usize); 12] = [
     (3, 2),
 ];
 
-/// The edge between two corners.
+/// Returns the index of the edge between two corners.
 fn edge(a: u8, b: u8) -> usize {
     let of = (a.min(b), (a ^ b).trailing_zeros() as usize);
     EDGES
@@ -38,7 +39,7 @@ fn edge(a: u8, b: u8) -> usize {
         .unwrap_or_default()
 }
 
-/// The corners of the six faces, counter-clockwise seen from outside.
+/// Returns the corners of the six faces, counter-clockwise seen from outside.
 fn faces() -> impl Iterator<Item = [u8; 4]> {
     (0..3).flat_map(|axis| {
         let [u, v] = [1, 2].map(|next| 1_u8 << ((axis + next) % 3));
@@ -52,8 +53,8 @@ fn faces() -> impl Iterator<Item = [u8; 4]> {
 
 fn triangles(case: u8) -> Vec<EdgeTriangle> {
     let inside = |corner: u8| case >> corner & 1 == 1;
-    // From the edge by which a face is left along the border of its inside to the edge by which this was entered. The face
-    // on the other side of an edge runs along it the other way, so that each edge has one successor.
+    // The successor of each edge: on a face, from the edge after the last corner of an inside run to the edge before its first
+    // corner. Neighbouring faces traverse a common edge in opposite directions, so each edge has one successor.
     let mut next = [None; 12];
     for face in faces() {
         for last in 0..4 {
@@ -94,7 +95,7 @@ mod tests {
         place
     }
 
-    /// The counts of Lorensen and Cline's 15 cases, for those without ambiguous faces.
+    /// Compares the counts of Lorensen and Cline's 15 cases, for those without ambiguous faces.
     #[test]
     fn known_cases_have_their_triangles() {
         for (case, count) in [
@@ -111,8 +112,8 @@ mod tests {
         }
     }
 
-    /// The divergence theorem: the projected areas of the polygons follow from the corners' sides alone where one corner is
-    /// inside; and in all cases the border of the triangles lies on the faces, each segment once.
+    /// By the divergence theorem, the projected areas of the polygons follow from the sides of the corners alone if one corner
+    /// is inside. In all cases, the border of the triangles lies on the faces, with each segment once.
     #[test]
     fn polygons_are_closed_and_face_outwards() {
         for (case, triangles) in TRIANGLES.iter().enumerate() {

@@ -1,18 +1,18 @@
-//! Why frames cannot be fused.
+//! Errors of fusion.
 
 /// A result with this error.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Frames cannot be fused.
+/// Why frames cannot be fused.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A setting is out of range.
     #[error("the setting `{setting}` is not {expected}")]
     Setting {
-        /// Its name.
+        /// Name of the setting.
         setting: &'static str,
-        /// The values that are possible.
+        /// The allowed values.
         expected: &'static str,
     },
     /// Depths, standard deviations and image of a frame have different sizes.
@@ -20,31 +20,31 @@ pub enum Error {
     Sizes {
         /// Width and height of the depths.
         depth: (usize, usize),
-        /// What has another size.
+        /// Name of the map with another size.
         other: &'static str,
         /// Its width and height, or its number of values and 1.
         found: (usize, usize),
     },
-    /// No pixel of a frame can be used, so that the size of the voxels is unknown.
+    /// No pixel of a frame is usable, so the size of the voxels is unknown.
     #[error("no pixel has a depth that can be fused")]
     NoPixels,
-    /// There is no frame.
+    /// No frame was given.
     #[error("there is no frame to make a surface from")]
     NoFrames,
-    /// The blocks take more memory than they may.
+    /// The blocks need more memory than allowed.
     #[error("voxels of {edge:.3} take {needed:.1} MiB, and {most:.1} MiB are allowed")]
     Memory {
         /// The edge length of a voxel.
         edge: f64,
-        /// MiB for all blocks so far and those of this frame.
+        /// MiB needed for all existing blocks and those of this frame.
         needed: f64,
-        /// MiB at most.
+        /// Limit in MiB.
         most: f64,
     },
-    /// The surface has more vertices than a file can have.
+    /// The surface has more vertices than a file can store.
     #[error("the surface has {count} vertices, and a mesh at most 2^32")]
     TooLarge {
-        /// Vertices.
+        /// Number of vertices.
         count: usize,
     },
     /// An image or camera cannot be used.
@@ -53,7 +53,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Advice, if there is any.
+    /// A suggestion, if there is one.
     pub fn hint(&self) -> Option<&str> {
         match self {
             Self::Memory { .. } | Self::TooLarge { .. } => {

@@ -1,4 +1,4 @@
-//! The surface at distance 0.
+//! Extraction of the surface at distance 0.
 
 use crate::blocks::{Block, Blocks, Key, SIDE, VOXELS, center};
 use crate::cells::{EDGES, TRIANGLES};
@@ -7,10 +7,10 @@ use crate::mesh::Mesh;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// A block with a layer of its neighbours' voxels around it: those of the cells at its end, and of differences.
+/// Side of a block with one layer of neighbouring voxels, for the cells at its end and for gradients.
 const PADDED: usize = SIDE + 2;
 
-/// A vertex on the edge from a voxel to the next along an axis, in ascending order of block, voxel and axis.
+/// A vertex on the edge from a voxel to the next along an axis; ordered by block, voxel and axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct VertexId(u64);
 
@@ -25,7 +25,7 @@ impl VertexId {
     }
 }
 
-/// A vertex before it is part of a mesh.
+/// A vertex that is not yet part of a mesh.
 struct Vertex {
     position: [f64; 3],
     normal: [f32; 3],
@@ -66,7 +66,7 @@ pub(crate) fn mesh(blocks: &Blocks) -> Result<Mesh> {
     })
 }
 
-/// The triangles of the cells whose first corner is in a block.
+/// Returns the triangles of the cells that begin in a block.
 fn triangles(blocks: &Blocks, ranks: &HashMap<Key, usize>, key: Key) -> Vec<[VertexId; 3]> {
     let padded = Padded::new(blocks, key);
     let mut found = Vec::new();
@@ -89,7 +89,7 @@ fn triangles(blocks: &Blocks, ranks: &HashMap<Key, usize>, key: Key) -> Vec<[Ver
             let voxel = corner(low);
             let owner = [0, 1, 2].map(|axis| key[axis] + (voxel[axis] / SIDE) as i32);
             let [x, y, z] = voxel.map(|v| v % SIDE);
-            // A block whose voxels were measured is there.
+            // Blocks with measured voxels exist.
             let rank = ranks.get(&owner).copied().unwrap_or_default();
             VertexId::new(rank, (z * SIDE + y) * SIDE + x, axis)
         };
@@ -98,7 +98,7 @@ fn triangles(blocks: &Blocks, ranks: &HashMap<Key, usize>, key: Key) -> Vec<[Ver
     found
 }
 
-/// The vertices on edges that begin in a block.
+/// Returns the vertices on edges that begin in a block.
 fn vertices(blocks: &Blocks, key: Key, ids: &[VertexId]) -> Vec<Vertex> {
     let padded = Padded::new(blocks, key);
     let edge = blocks.edge();
@@ -112,7 +112,7 @@ fn vertices(blocks: &Blocks, key: Key, ids: &[VertexId]) -> Vec<Vertex> {
         let mut place = from.map(|v| v as f64);
         place[axis] += share;
         let position = [0, 1, 2].map(|axis| center(key[axis], place[axis], edge));
-        // Along the edge, the difference of its ends has another sign than 0.
+        // Along the edge, the difference of its ends is never 0.
         let gradient = [0, 1, 2].map(|along| {
             if along == axis {
                 return b - a;
@@ -130,7 +130,7 @@ fn vertices(blocks: &Blocks, key: Key, ids: &[VertexId]) -> Vec<Vertex> {
     ids.iter().map(vertex).collect()
 }
 
-/// The colour between two voxels, or that of the only one that has any.
+/// Interpolates the colour between two voxels; if only one has a colour, returns that.
 fn colour(blocks: &Blocks, key: Key, ends: [[isize; 3]; 2], share: f64) -> Option<[u8; 3]> {
     let [a, b] = ends.map(|voxel| {
         let (block, index) = located(blocks, key, voxel)?;
@@ -147,7 +147,7 @@ fn colour(blocks: &Blocks, key: Key, ends: [[isize; 3]; 2], share: f64) -> Optio
     Some([mixed(0)?, mixed(1)?, mixed(2)?].map(|v| v.round() as u8))
 }
 
-/// The block of a voxel, counted from the first of another block, and its index there.
+/// Returns the block of a voxel, counted from the first voxel of another block, and its index in it.
 fn located(blocks: &Blocks, key: Key, voxel: [isize; 3]) -> Option<(&Block, usize)> {
     const LENGTH: isize = SIDE as isize;
     let owner = [0, 1, 2].map(|axis| key[axis] + voxel[axis].div_euclid(LENGTH) as i32);
@@ -155,7 +155,7 @@ fn located(blocks: &Blocks, key: Key, voxel: [isize; 3]) -> Option<(&Block, usiz
     Some((blocks.get(owner)?, (z * SIDE + y) * SIDE + x))
 }
 
-/// Distances of a block and of the voxels around it; NaN where there is no measurement.
+/// Distances of a block and of the voxels around it; NaN without a measurement.
 struct Padded(Vec<f32>);
 
 impl Padded {
@@ -166,7 +166,7 @@ impl Padded {
                 blocks.get([0, 1, 2].map(|axis| key[axis] + offset[axis]))
             })
             .collect();
-        // From the position in the padded block to that in its part: before, in or after the block.
+        // Maps the position in the padded block to the block before, at or after it, and the position in that.
         let part = |position: usize| match position {
             0 => (0, SIDE - 1),
             PADDED_LAST => (2, 0),
@@ -187,13 +187,13 @@ impl Padded {
         Self(distances)
     }
 
-    /// The distance at a voxel, from -1 to 8 along each axis.
+    /// Returns the distance at a voxel, from -1 to 8 along each axis.
     fn at(&self, voxel: [isize; 3]) -> f32 {
         let [x, y, z] = voxel.map(|v| (v + 1) as usize);
         self.0[(z * PADDED + y) * PADDED + x]
     }
 
-    /// The difference from one voxel to the next around a voxel, from both sides if they are measured; 0 if none is.
+    /// Returns the central difference at a voxel, or a one-sided one if only one neighbour is measured; 0 if none is.
     fn slope(&self, voxel: [isize; 3], axis: usize) -> f64 {
         let [mut before, mut after] = [voxel; 2];
         before[axis] -= 1;

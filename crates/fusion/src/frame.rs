@@ -1,24 +1,24 @@
-//! A depth map with all that belongs to it.
+//! A depth map with its camera and optional data.
 
 use crate::error::{Error, Result};
 use lsdc_core::{Camera, DepthMap, Image};
 
-/// A depth map with its camera, and where they are known its standard deviations and colours.
+/// A depth map with its camera, and optionally its standard deviations and colours.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// Depths along the optical axis; 0 = no measurement.
     pub depth: &'a DepthMap,
-    /// The standard deviation of each depth, row by row, in the unit of the depths. A pixel whose standard deviation is
-    /// not positive and finite is left out.
+    /// The standard deviation of each depth, row by row, in the unit of the depths. A pixel whose standard deviation is not
+    /// positive and finite is skipped.
     pub deviation: Option<&'a [f32]>,
     /// The camera of the depth map at its pose in the world.
     pub camera: &'a Camera,
-    /// Colours, of the size of the depth map.
+    /// Colours, at the size of the depth map.
     pub image: Option<&'a Image<'a>>,
 }
 
 impl Frame<'_> {
-    /// Width and height.
+    /// Returns width and height.
     pub(crate) fn size(&self) -> (usize, usize) {
         (self.depth.width(), self.depth.height())
     }

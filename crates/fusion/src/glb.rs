@@ -1,10 +1,10 @@
-//! Meshes in glTF 2.0, binary (Khronos Group 2021; ISO/IEC 12113:2022).
+//! Export of meshes to binary glTF 2.0 (Khronos Group 2021; ISO/IEC 12113:2022).
 
 use crate::mesh::{Mesh, Up};
 use serde_json::{Value, json};
 use std::io::{Error, ErrorKind, Write};
 
-/// Types of components, targets of buffers and modes of primitives, by their numbers in the standard.
+/// Numeric codes of the standard for component types, buffer targets and primitive modes.
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const UNSIGNED_SHORT: u32 = 5123;
@@ -13,7 +13,7 @@ const INDICES: u32 = 34963;
 const POINTS: u32 = 0;
 const TRIANGLES: u32 = 4;
 
-/// The data of a file: views of one buffer, each with its accessor.
+/// The binary data of a file: views of one buffer, each with its accessor.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,
@@ -22,7 +22,7 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Adds values of whole words, and returns the number of their accessor.
+    /// Adds values, whose size is a multiple of 4 bytes, and returns the index of their accessor.
     fn add(
         &mut self,
         bytes: impl IntoIterator<Item = u8>,
@@ -49,13 +49,13 @@ pub(crate) fn write(mesh: &Mesh, up: Up, out: &mut dyn Write) -> std::io::Result
         "scene": 0,
         "scenes": [{}],
     });
-    // The standard has no accessors without elements.
+    // The standard does not allow empty accessors.
     if !mesh.positions.is_empty() {
         describe(mesh, up, &mut buffer, &mut root);
     }
     let mut text = root.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
-    // The header, and that of each chunk.
+    // The file header, and the header of each chunk.
     let total = 12 + 8 + text.len() + 8 + buffer.bytes.len();
     let length = |bytes: usize| {
         u32::try_from(bytes).map(u32::to_le_bytes).map_err(|_| {
@@ -76,7 +76,7 @@ pub(crate) fn write(mesh: &Mesh, up: Up, out: &mut dyn Write) -> std::io::Result
     out.write_all(&buffer.bytes)
 }
 
-/// Fills the buffer, and adds all that refers to it.
+/// Fills the buffer, and adds everything that refers to it.
 fn describe(mesh: &Mesh, up: Up, buffer: &mut Buffer, root: &mut Value) {
     let count = mesh.positions.len();
     let origin = origin(mesh);
@@ -134,7 +134,7 @@ fn describe(mesh: &Mesh, up: Up, buffer: &mut Buffer, root: &mut Value) {
         "doubleSided": true,
         "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 },
     });
-    // The colours of images have their light in them.
+    // Colours from images include the lighting.
     if mesh.colours.is_some() {
         material["extensions"] = json!({ "KHR_materials_unlit": {} });
         root["extensionsUsed"] = json!(["KHR_materials_unlit"]);
@@ -148,7 +148,8 @@ fn describe(mesh: &Mesh, up: Up, buffer: &mut Buffer, root: &mut Value) {
     root["accessors"] = json!(buffer.accessors);
 }
 
-/// What positions are relative to: the first one, in whole units, if they are far from the origin of the world.
+/// Returns the origin of positions: the first position, rounded to whole units, if positions are far from the origin of the
+/// world.
 fn origin(mesh: &Mesh) -> [f64; 3] {
     match mesh.positions.first() {
         Some(first) if mesh.is_far() => first.map(f64::round),
@@ -156,7 +157,7 @@ fn origin(mesh: &Mesh) -> [f64; 3] {
     }
 }
 
-/// The matrix of the node, column by column.
+/// Returns the matrix of the node, column by column.
 fn matrix(up: Up, origin: [f64; 3]) -> [f64; 16] {
     let rotation = up.to_y();
     let translation = rotation.map(|row| (0..3).map(|axis| row[axis] * origin[axis]).sum());
@@ -173,7 +174,7 @@ fn matrix(up: Up, origin: [f64; 3]) -> [f64; 16] {
     matrix
 }
 
-/// A value of sRGB in linear light, as glTF has it (IEC 61966-2-1).
+/// Converts an sRGB value to linear light, as required by glTF (IEC 61966-2-1).
 fn linear(value: u8) -> u16 {
     let value = f64::from(value) / 255.0;
     let linear = if value <= 0.04045 {
@@ -210,7 +211,7 @@ mod tests {
         let data = &bytes[28 + text..];
         assert_eq!(number(&bytes, 20 + text), data.len());
         assert_eq!(root["buffers"][0]["byteLength"], data.len());
-        // 3 vertices of two vectors and four shorts, and 3 indices.
+        // 3 vertices with two vectors and four shorts each, and 3 indices.
         assert_eq!(data.len(), 3 * (12 + 12 + 8) + 12);
         assert_eq!(root["accessors"][0]["min"], json!([0.0, 0.0, 0.0]));
         assert_eq!(root["accessors"][0]["max"], json!([1.0, 3.0, 1.0]));
@@ -219,12 +220,12 @@ mod tests {
             view["byteOffset"].as_u64().unwrap() + view["byteLength"].as_u64().unwrap()
         });
         assert_eq!(ends.max(), Some(data.len() as u64));
-        // z of the world is y of the file, and y is -z.
+        // z of the world is y of the file; y is -z.
         let matrix: Vec<f64> = serde_json::from_value(root["nodes"][0]["matrix"].clone()).unwrap();
         assert_eq!(matrix[4..8], [0.0, 0.0, -1.0, 0.0]);
         assert_eq!(matrix[8..12], [0.0, 1.0, 0.0, 0.0]);
         assert_eq!(matrix[12..15], [5000.0, 1.0, 0.0]);
-        // Mid grey of sRGB has 21.6 % of the light of white.
+        // The luminance of sRGB's mid grey is 21.6 % of white.
         let green = u16::from_le_bytes([data[74], data[75]]);
         assert!((f64::from(green) / 65535.0 - 0.2159).abs() < 1e-4);
     }

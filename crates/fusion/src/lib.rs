@@ -1,9 +1,9 @@
-//! One surface from many depth maps with camera poses.
+//! Fusion of many depth maps with camera poses into one surface.
 //!
-//! Every depth is a measurement with a standard deviation. [`Fusion`] averages the signed distances to the measured
-//! surfaces in voxels near them (a truncated signed distance function, Curless and Levoy 1996), each weighted by the
-//! inverse variance of its depth, in a hash of blocks of voxels (Nießner et al. 2013). [`Mesh`] is the surface at distance
-//! 0, by marching cubes.
+//! Every depth is a measurement with a standard deviation. [`Fusion`] averages the signed distances to the measured surfaces in
+//! voxels near them (a truncated signed distance function, Curless and Levoy 1996), weighted by the inverse variance of the
+//! depths, in a hash table of blocks of voxels (Nießner et al. 2013). [`Mesh`] is the surface at distance 0, extracted by
+//! marching cubes.
 //!
 //! ```
 //! # fn main() -> lsdc_fusion::Result<()> {
@@ -22,7 +22,7 @@
 //! # }
 //! ```
 //!
-//! Work runs on the caller's `rayon` pool; the result has the same bits for any number of threads.
+//! Work runs on the caller's `rayon` pool; results are bitwise equal for any number of threads.
 
 mod blocks;
 mod cells;
@@ -47,18 +47,18 @@ pub use voxel_size::{VoxelSize, voxel_size};
 use blocks::Blocks;
 use measure::Rays;
 
-/// A truncated signed distance function that frames are added to.
+/// A truncated signed distance function that integrates frames.
 #[derive(Clone, Debug)]
 pub struct Fusion {
     settings: Settings,
-    /// Empty until the first frame has set the size of the voxels.
+    /// `None` until the first frame sets the size of the voxels.
     blocks: Option<Blocks>,
     rays: Rays,
     report: Report,
 }
 
 impl Fusion {
-    /// A function without measurements.
+    /// A signed distance function without measurements.
     ///
     /// # Errors
     /// A [setting](Settings) that is out of range.
@@ -72,13 +72,13 @@ impl Fusion {
         })
     }
 
-    /// Adds a frame. The order of frames matters to the last bits only.
+    /// Adds a frame. The order of frames only affects rounding.
     ///
     /// Without [`Settings::voxel`], the first frame sets the edge length of the voxels ([`voxel_size`]).
     ///
     /// # Errors
-    /// Maps of different sizes, a camera or an image that cannot be used, a first frame without any usable pixel, or more
-    /// blocks than [`Settings::max_memory`] allows. The function is then as before.
+    /// Maps of different sizes, an unusable camera or image, a first frame without any usable pixel, or more blocks than
+    /// [`Settings::max_memory`] allows. The function is then unchanged.
     pub fn integrate(&mut self, frame: &Frame<'_>) -> Result<()> {
         frame.check()?;
         self.rays.update(frame);
@@ -92,7 +92,7 @@ impl Fusion {
         let is_first = self.blocks.is_none();
         let blocks = self.blocks.get_or_insert_with(|| Blocks::new(edge));
         if let Err(error) = blocks.allocate(&measurements, self.settings.max_memory) {
-            // The next frame may set another size.
+            // The next frame may choose another size.
             self.blocks = self.blocks.take().filter(|_| !is_first);
             return Err(error);
         }
@@ -104,8 +104,8 @@ impl Fusion {
         Ok(())
     }
 
-    /// The surface, with normals that point to the side it was seen from, and colours if images were given. Only cells
-    /// whose eight corners were measured have a surface.
+    /// The surface, with normals on the side from which it was seen, and colours if images were given. Only cells whose eight
+    /// corners were measured have a surface.
     ///
     /// # Errors
     /// No frame was added, or the surface has more than 2^32 vertices.
@@ -116,7 +116,7 @@ impl Fusion {
         }
     }
 
-    /// What was fused and what was left out.
+    /// Statistics of fused and skipped data.
     pub fn report(&self) -> &Report {
         &self.report
     }

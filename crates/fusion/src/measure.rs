@@ -1,4 +1,4 @@
-//! What each pixel of a frame measures: a plane with a weight.
+//! The measurement of each pixel of a frame: a plane with a weight.
 
 use crate::blocks::SIDE;
 use crate::error::Result;
@@ -14,21 +14,22 @@ type Vector = [f64; 3];
 /// The tangent plane of the surface at a pixel, relative to the centre of the camera.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Plane {
-    /// Of length 1, to the side of the camera, along the axes of the world.
+    /// Unit normal on the side of the camera, along the axes of the world.
     normal: [f32; 3],
-    /// From the plane to the camera's centre, with a negative sign.
+    /// Negative distance from the plane to the camera's centre.
     offset: f32,
-    /// The largest distance that is measured.
+    /// Truncation distance.
     pub(crate) truncation: f32,
-    /// 0 for pixels that are left out.
+    /// Weight; 0 for skipped pixels.
     pub(crate) weight: f32,
 }
 
 impl Plane {
-    /// The signed distance of a place on the ray of the pixel, relative to the centre of the camera: positive in front, and
-    /// cut off there; `None` where the surface hides the place.
+    /// Returns the signed distance of a position on the ray of the pixel, relative to the centre of the camera: positive and
+    /// truncated in front of the surface; `None` if the position is hidden by the surface.
     pub(crate) fn distance(&self, place: [f32; 3]) -> Option<f32> {
-        /// A surface that is seen from the side may end before it has this distance behind it, along the ray.
+        /// Largest distance behind the surface along the ray, in truncation distances. A surface seen from the side may end
+        /// before it.
         const BEHIND: f32 = 2.0;
         let [x, y, z] = place;
         let [a, b, c] = self.normal;
@@ -37,7 +38,7 @@ impl Plane {
             return Some(distance.min(self.truncation));
         }
         let range = (x * x + y * y + z * z).sqrt();
-        // Both are negative, and their sum is the place's own offset.
+        // Both are negative; their sum is the offset of the position itself.
         let behind = range * distance / (distance + self.offset);
         let is_near = distance >= -self.truncation && behind <= BEHIND * self.truncation;
         is_near.then_some(distance)
@@ -47,24 +48,24 @@ impl Plane {
 /// The planes of all pixels.
 pub(crate) struct Measurements {
     pub(crate) camera: Camera,
-    /// The centre of the camera in the world.
+    /// Centre of the camera in the world.
     pub(crate) center: Vector,
     pub(crate) size: (usize, usize),
-    /// Row by row.
+    /// Planes, row by row.
     pub(crate) planes: Vec<Plane>,
     /// Red, green and blue, row by row, if the frame has an image.
     pub(crate) colours: Option<Vec<u8>>,
-    /// Pixels that are not left out.
+    /// Number of pixels that are not skipped.
     pub(crate) used: usize,
-    /// The ends of the measured distances along each normal, for the pixels that are used.
+    /// Both ends of the measured range along each normal, for the used pixels.
     pub(crate) spans: Vec<Vec<[Vector; 2]>>,
 }
 
-/// The rays of all pixels of a camera at the origin, at depth 1; they are the same for many frames.
+/// Rays of all pixels of a camera at the origin, at depth 1; cached, because many frames share them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rays {
     of: Option<(Camera, (usize, usize))>,
-    /// `None` outside the valid field of view of the lens.
+    /// Rays; `None` outside the valid field of view of the lens.
     rays: Vec<Option<Vector>>,
 }
 
@@ -83,7 +84,7 @@ impl Rays {
         let ray = |index: usize| {
             let pixel = [(index % width) as f64, (index / width) as f64];
             let ray = camera.unproject(pixel, 1.0);
-            // A place beyond the fold of a lens has a ray that does not lead back.
+            // Positions beyond the fold of a lens have a ray that does not project back to them.
             ray.filter(|ray| *camera.lens() == Lens::Pinhole || camera.project(*ray).is_some())
         };
         pixels.map(ray).collect_into_vec(rays);
@@ -91,12 +92,12 @@ impl Rays {
 }
 
 const IDENTITY: [Vector; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-/// Standard deviations below this part of the depth are those of rounding: float32 has 24 bits.
+/// Standard deviations below this share of the depth are dominated by rounding: float32 has 24 bits.
 const ROUNDING: f64 = 1e-6;
-/// Indices of blocks are in 32 bits.
+/// Block indices are 32-bit integers.
 const FARTHEST_BLOCK: f64 = (1 << 30) as f64;
 
-/// Measures the planes of a frame with voxels of an edge length.
+/// Computes the planes of a frame for voxels of this edge length.
 pub(crate) fn measurements(
     frame: &Frame<'_>,
     rays: &Rays,
@@ -166,7 +167,7 @@ impl Pixels<'_> {
         (planes, spans, left_out)
     }
 
-    /// The plane of a pixel and the ends of what it measures, or the count of the reason why it is left out.
+    /// Returns the plane of a pixel and the ends of its measured range, or the counter of the reason to skip it.
     fn plane(&self, x: usize, y: usize) -> Result<(Plane, [Vector; 2]), Reason> {
         let index = y * self.frame.depth.width() + x;
         let depth = f64::from(self.frame.depth.values()[index]);
@@ -215,21 +216,21 @@ impl Pixels<'_> {
             normal: world_normal.map(|v| v as f32),
             offset: offset as f32,
             truncation: truncation as f32,
-            // Planes seen from the side are extended furthest along the ray, and lie off curved surfaces there; with the
-            // cosine alone they displaced a sphere by more than a quarter of a voxel.
+            // Planes seen from the side extend farthest along the ray, and deviate from curved surfaces there; weights by the
+            // cosine alone displaced a sphere by more than a quarter of a voxel.
             weight: (cosine * self.edge / sigma).powi(2) as f32,
         };
         Ok((plane, span))
     }
 
-    /// The place of a pixel along the axes of the camera.
+    /// Returns the position of a pixel along the axes of the camera.
     fn at(&self, index: usize) -> Option<Vector> {
         let depth = f64::from(self.frame.depth.values()[index]);
         let ray = self.rays[index].filter(|_| depth > 0.0)?;
         Some(ray.map(|v| v * depth))
     }
 
-    /// The normal on the side of the camera.
+    /// Returns the normal on the side of the camera.
     fn normal(&self, x: usize, y: usize, own: Vector) -> Option<Vector> {
         let (width, height) = self.frame.size();
         let at = |x: Option<usize>, y: Option<usize>| {
@@ -238,20 +239,20 @@ impl Pixels<'_> {
         };
         let along = tangent(at(x.checked_sub(1), Some(y)), own, at(Some(x + 1), Some(y)))?;
         let down = tangent(at(Some(x), y.checked_sub(1)), own, at(Some(x), Some(y + 1)))?;
-        // x to the right and y down: their cross product leads away from the camera.
+        // With x to the right and y down, this cross product points towards the camera.
         let normal = cross(down, along);
         let length = dot(normal, normal).sqrt();
         (length > 0.0).then(|| normal.map(|v| v / length))
     }
 }
 
-/// The count of a reason to leave a pixel out.
+/// The counter of a reason to skip a pixel.
 type Reason = fn(&mut LeftOut) -> &mut usize;
 
-/// The direction of the surface from one neighbour to the other, or where these belong to different surfaces from the
-/// nearer of them to the pixel.
+/// Returns the direction of the surface from one neighbour to the other. If these belong to different surfaces, uses the
+/// neighbour nearer to the pixel.
 fn tangent(before: Option<Vector>, own: Vector, after: Option<Vector>) -> Option<Vector> {
-    /// The square of the ratio of both distances that one surface has.
+    /// Largest squared ratio of both distances on one surface.
     const UNLIKE: f64 = 4.0;
     let from = before.map(|before| difference(own, before));
     let to = after.map(|after| difference(after, own));
@@ -270,7 +271,7 @@ fn tangent(before: Option<Vector>, own: Vector, after: Option<Vector>) -> Option
     }
 }
 
-/// A direction along the axes of the camera, or a translation to it, along those of the world.
+/// Rotates a direction or a translation from the axes of the camera to those of the world.
 fn turned_back(rotation: &[Vector; 3], vector: Vector) -> Vector {
     [0, 1, 2].map(|axis| (0..3).map(|row| rotation[row][axis] * vector[row]).sum())
 }

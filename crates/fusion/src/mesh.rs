@@ -1,22 +1,22 @@
-//! Meshes, and which way is up.
+//! Meshes and the up axis.
 
 use lsdc_core::Camera;
 use std::fmt::{Display, Formatter};
 use std::io::Write;
 use std::str::FromStr;
 
-/// A surface of triangles.
+/// A triangle mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// x, y and z of each vertex in the world.
     pub positions: Vec<[f64; 3]>,
-    /// The normal of length 1 of each vertex, to the side that the surface was seen from.
+    /// The unit normal of each vertex, on the side from which the surface was seen.
     pub normals: Vec<[f32; 3]>,
     /// Red, green and blue of each vertex in sRGB, if any frame had an image.
     pub colours: Option<Vec<[u8; 3]>>,
-    /// Vertices of [`Self::UNKNOWN_COLOUR`], which no frame with an image measured.
+    /// Number of vertices with [`Self::UNKNOWN_COLOUR`], which no frame with an image measured.
     pub uncoloured: usize,
-    /// Three vertices each, counter-clockwise seen from the side of the normals; none for a cloud of points.
+    /// Three vertices per triangle, counter-clockwise seen from the side of the normals; empty for a point cloud.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -24,7 +24,7 @@ impl Mesh {
     /// The colour of vertices that no frame with an image measured.
     pub const UNKNOWN_COLOUR: [u8; 3] = [128; 3];
 
-    /// The vertices alone, as a cloud of points with normals.
+    /// The vertices alone, as a point cloud with normals.
     #[must_use]
     pub fn into_points(self) -> Self {
         Self {
@@ -33,7 +33,7 @@ impl Mesh {
         }
     }
 
-    /// Writes a binary PLY file: coordinates are float32, or float64 if any is beyond 1000.
+    /// Writes a binary PLY file. Coordinates are float32, or float64 if any exceeds 1000.
     ///
     /// # Errors
     /// `out` cannot be written.
@@ -41,8 +41,8 @@ impl Mesh {
         crate::ply::write(self, out)
     }
 
-    /// Writes a glTF 2.0 file in binary form (GLB). The coordinates in it are those of the world; its only node turns `up`
-    /// to the y axis, which is up in glTF. Coordinates beyond 1000 are relative to the node, as they are float32.
+    /// Writes a binary glTF 2.0 file (GLB). The coordinates in it are those of the world; its only node rotates `up` to the y
+    /// axis, which is up in glTF. Coordinates are float32, so coordinates beyond 1000 are stored relative to the node.
     ///
     /// # Errors
     /// `out` cannot be written, or the file has more than 4 GiB.
@@ -50,13 +50,13 @@ impl Mesh {
         crate::glb::write(self, up, out)
     }
 
-    /// Whether float32 rounds a coordinate by more than 0.03 mm: any is beyond 1000 m.
+    /// Whether float32 rounds a coordinate by more than 0.03 mm, because it exceeds 1000 m.
     pub(crate) fn is_far(&self) -> bool {
         self.positions.iter().flatten().any(|v| v.abs() > 1000.0)
     }
 }
 
-/// The axis of the world that is up: `x`, `-x`, `y`, `-y`, `z` or `-z`.
+/// The up axis of the world: `x`, `-x`, `y`, `-y`, `z` or `-z`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Up {
     axis: usize,
@@ -64,8 +64,8 @@ pub struct Up {
 }
 
 impl Up {
-    /// The axis that is nearest to the mean of the upward directions of images; `None` without cameras. It is right unless
-    /// the cameras are mostly tilted by more than 45 degrees.
+    /// The axis nearest to the mean upward direction of the images; `None` without cameras. It is right unless most cameras are
+    /// tilted by more than 45 degrees.
     pub fn of_cameras<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Option<Self> {
         let mut sum = [0.0; 3];
         for camera in cameras {
@@ -81,7 +81,7 @@ impl Up {
         })
     }
 
-    /// The rotation, row by row, that turns this axis to y.
+    /// The rotation matrix, row by row, that rotates this axis to y.
     pub fn to_y(self) -> [[f64; 3]; 3] {
         let s = if self.negative { -1.0 } else { 1.0 };
         match self.axis {
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn cameras_are_held_upright() {
-        // It looks along x, and z is up.
+        // The camera looks along x, and z is up.
         let rotation = [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]];
         let camera = Camera::pinhole([1.0, 1.0], [0.0, 0.0]);
         let turned = camera.clone().with_pose(rotation, [1.0, 2.0, 3.0]);

@@ -1,4 +1,4 @@
-//! Meshes in Stanford's PLY, binary.
+//! Export of meshes to Stanford's binary PLY format.
 
 use crate::mesh::Mesh;
 use std::io::Write;

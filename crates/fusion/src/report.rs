@@ -1,20 +1,20 @@
-//! What was fused and what was left out.
+//! Statistics of a fusion.
 
-/// What was fused and what was left out.
+/// Statistics of fused and skipped data.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Report {
-    /// Frames that were added.
+    /// Number of fused frames.
     pub frames: usize,
-    /// Pixels that were fused.
+    /// Number of fused pixels.
     pub pixels: usize,
-    /// Pixels that were not.
+    /// Number of skipped pixels.
     pub left_out: LeftOut,
     /// The edge length of a voxel; 0 before the first frame.
     pub voxel: f64,
-    /// Blocks of 8x8x8 voxels.
+    /// Number of blocks of 8x8x8 voxels.
     pub blocks: usize,
-    /// Bytes that they take.
+    /// Size of the blocks in bytes.
     pub memory: usize,
 }
 
@@ -26,33 +26,33 @@ impl Report {
     }
 }
 
-/// Numbers of pixels that were left out. A pixel counts once, for the first of these reasons.
+/// Numbers of skipped pixels by reason. A pixel counts once, for the first of these reasons that applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LeftOut {
-    /// Without a measurement.
+    /// Pixels without a measurement.
     pub unmeasured: usize,
-    /// Beyond the largest depth, such as sky, or beyond the range of the voxels' indices.
+    /// Pixels beyond the largest depth, such as sky, or beyond the range of voxel indices.
     pub far: usize,
-    /// Outside the valid field of view of the lens.
+    /// Pixels outside the valid field of view of the lens.
     pub outside_lens: usize,
-    /// With a standard deviation that is not positive and finite, or a too large part of the depth.
+    /// Pixels with a standard deviation that is not positive and finite, or too large relative to the depth.
     pub uncertain: usize,
-    /// Between the surfaces on both sides of a depth edge.
+    /// Flying pixels, between the surfaces on both sides of a depth edge.
     pub flying: usize,
-    /// Without neighbours of their row or column, so that the surface has no normal.
+    /// Pixels without neighbours in their row or column, so that the surface has no normal.
     pub isolated: usize,
-    /// At a too large angle to the surface's normal.
+    /// Pixels with a too large angle between ray and normal.
     pub grazing: usize,
 }
 
 impl LeftOut {
-    /// All of them.
+    /// The total number.
     pub fn total(&self) -> usize {
         self.reasons().iter().map(|(_, count)| count).sum()
     }
 
-    /// The numbers, each with its reason.
+    /// The numbers with the names of their reasons.
     pub fn reasons(&self) -> [(&'static str, usize); 7] {
         [
             ("without depth", self.unmeasured),

@@ -1,27 +1,26 @@
-//! How frames are fused.
+//! Settings of fusion.
 
 use crate::error::{Error, Result};
 
-/// How frames are fused. Lengths are in the unit of depths and poses: metres, unless a model has a unit of its own.
+/// Settings of fusion. Lengths are in the unit of depths and poses: metres, unless a model has another unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// The edge length of a voxel; `None` derives it from the data ([`voxel_size`](crate::voxel_size)).
     pub voxel: Option<f64>,
-    /// The truncation distance in standard deviations of the depth: distances beyond are cut off in front of the surface,
-    /// and not measured behind it. Measurements of one surface are averaged if they differ by less.
+    /// The truncation distance in standard deviations of the depth: larger distances are clamped in front of the surface, and
+    /// ignored behind it. Measurements of one surface are averaged if they differ by less.
     pub truncation_deviations: f64,
-    /// The least and the largest truncation distance in voxels. Surfaces nearer to each other, back to back, disturb each
-    /// other.
+    /// The smallest and largest truncation distance in voxels. Opposite surfaces that are closer to each other interfere.
     pub truncation_voxels: [f64; 2],
-    /// The standard deviation of depths that have none, as a part of the depth.
+    /// The standard deviation of depths without one, as a share of the depth.
     pub default_deviation: f64,
-    /// Pixels whose standard deviation is a larger part of their depth are left out.
+    /// Pixels whose standard deviation is a larger share of their depth are skipped.
     pub max_deviation: f64,
-    /// Pixels of larger depth are left out.
+    /// Pixels with a larger depth are skipped.
     pub max_depth: f64,
-    /// Pixels whose surface is seen at a larger angle to its normal, in degrees, are left out.
+    /// Pixels with a larger angle between ray and normal, in degrees, are skipped.
     pub max_angle: f64,
-    /// Bytes that the voxels may take.
+    /// Memory limit of the voxels in bytes.
     pub max_memory: usize,
 }
 
@@ -51,7 +50,8 @@ impl Settings {
                 self.truncation_deviations >= 0.0 && self.truncation_deviations.is_finite(),
                 "0 or above",
             ),
-            // Both ends of an edge that crosses the surface, and their neighbours for the normal, are within two diagonals.
+            // Both ends of an edge that crosses the surface, and the neighbours that its normal needs, are within two
+            // diagonals.
             (
                 "truncation_voxels",
                 least >= 2.0 && largest >= least && largest <= 64.0,

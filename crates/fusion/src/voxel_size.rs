@@ -1,13 +1,13 @@
-//! The edge length of a voxel that the data resolve.
+//! The voxel size that the data resolve.
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::settings::Settings;
 
-/// An edge length of voxels and what it was derived from.
+/// A voxel size, and the statistics from which it was derived.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VoxelSize {
-    /// The edge length.
+    /// Edge length of a voxel.
     pub edge: f64,
     /// The median distance on the surface between neighbouring pixels, for a surface that faces the camera.
     pub footprint: f64,
@@ -15,8 +15,8 @@ pub struct VoxelSize {
     pub deviation: Option<f64>,
 }
 
-/// The edge length of a voxel that the data resolve: twice the median footprint of a pixel (two samples a voxel, along
-/// every axis), or half the median standard deviation, whichever is larger; rounded to two digits.
+/// The voxel size that the data resolve: twice the median footprint of a pixel (two samples per voxel along every axis), or
+/// half the median standard deviation, whichever is larger; rounded to two digits.
 ///
 /// # Errors
 /// No pixel has a depth within the limits of the settings.

@@ -1,4 +1,4 @@
-//! Surfaces with a closed form, rendered exactly.
+//! Surfaces in closed form, rendered exactly.
 
 #![allow(clippy::unwrap_used)]
 
@@ -23,7 +23,7 @@ fn cross(a: Vector, b: Vector) -> Vector {
     [0, 1, 2].map(|i| a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
 }
 
-/// A camera at a place that looks at another.
+/// Returns a camera at a position that looks at another position.
 fn looking(from: Vector, at: Vector) -> Camera {
     let forwards = normalised([0, 1, 2].map(|i| at[i] - from[i]));
     let down = if forwards[1].abs() > 0.9 {
@@ -36,8 +36,8 @@ fn looking(from: Vector, at: Vector) -> Camera {
     Camera::pinhole([130.0, 130.0], [79.3, 59.8]).with_pose(rows, rows.map(|row| -dot(row, from)))
 }
 
-/// The depths at which the rays of a camera meet a surface; `hit` gets the camera's centre and the direction of a ray to
-/// depth 1.
+/// Returns the depths at which the rays of a camera intersect a surface; the arguments of `hit` are the camera's centre and the
+/// direction of a ray to depth 1.
 fn rendered(camera: &Camera, hit: impl Fn(Vector, Vector) -> Option<f64>) -> DepthMap {
     let (rotation, translation) = camera.pose();
     let center = [0, 1, 2].map(|i| {
@@ -94,7 +94,7 @@ fn fused(settings: Settings, frames: &[Frame<'_>]) -> Fusion {
     fusion
 }
 
-/// How often each edge occurs, along the order of its ends and against it.
+/// Counts the occurrences of each edge, in the order of its ends and in reverse.
 fn edges(mesh: &Mesh) -> HashMap<(u32, u32), [usize; 2]> {
     let mut edges: HashMap<(u32, u32), [usize; 2]> = HashMap::new();
     for [a, b, c] in &mesh.triangles {
@@ -131,7 +131,7 @@ fn a_tilted_plane_is_exact() {
         assert!((dot(normal, *position) + 2.0).abs() < 1e-5, "{position:?}");
         assert!(dot(normal, found.map(f64::from)) > 1.0 - 1e-6, "{found:?}");
     }
-    // Both triangles at an inner edge run along it in opposite directions; the border has one.
+    // Both triangles at an inner edge traverse it in opposite directions; a border edge has one triangle.
     let mut inner = 0;
     for [along, against] in edges(&mesh).into_values() {
         assert!(
@@ -148,8 +148,8 @@ fn a_tilted_plane_is_exact() {
     }
 }
 
-/// Six views of a sphere from far away: the space beside it, seen past its edge, has no depths, so that every place of the
-/// surface needs a view that has the sphere behind the voxels in front of it too.
+/// Returns six distant views of a sphere. The space beyond its outline has no depths, so every part of the surface also needs a
+/// view with the sphere behind the voxels in front of it.
 fn views_of_a_sphere(radius: f64) -> (Vec<Camera>, Vec<DepthMap>) {
     let cameras: Vec<Camera> = (0..6)
         .map(|i| {
@@ -188,7 +188,7 @@ fn a_sphere_is_closed() {
     assert!(largest < EDGE / 4.0, "{largest}");
     let mean_angle = angles.iter().sum::<f64>() / angles.len() as f64;
     let largest_angle = angles.iter().copied().fold(0.0, f64::max);
-    // Where a view ends, the field has a step.
+    // The field has a step at the end of a view.
     assert!(
         mean_angle < 2.0 && largest_angle < 15.0,
         "{mean_angle} {largest_angle}"
@@ -231,7 +231,7 @@ fn contradicting_depths_are_averaged_by_their_precision() {
         };
         fusion.integrate(&frame).unwrap();
     }
-    // 2 at weight 4 and 2.03 at weight 1.
+    // 2 with weight 4 and 2.03 with weight 1.
     for position in fusion.mesh().unwrap().positions {
         assert!((position[2] - 2.006).abs() < 1e-5, "{position:?}");
     }
@@ -241,7 +241,7 @@ fn contradicting_depths_are_averaged_by_their_precision() {
 fn pixels_that_are_left_out_are_counted() {
     let mut values = vec![2.0_f32; WIDTH * HEIGHT];
     let mut deviation = vec![0.01_f32; WIDTH * HEIGHT];
-    // Apart from each other, so that all others have neighbours.
+    // Apart from each other, so that all other pixels have neighbours.
     let at = |x: usize, y: usize| y * WIDTH + x;
     values[at(10, 10)] = 0.0;
     values[at(20, 10)] = f32::NAN;
@@ -280,7 +280,7 @@ fn pixels_that_are_left_out_are_counted() {
     assert_eq!(report.pixels + report.left_out.total(), WIDTH * HEIGHT);
     assert_eq!(report.frames, 1);
 
-    // A floor 0.1 below the camera: from 80 degrees to its normal on, it is too far along; 0.1 tan 80 = 0.567 ahead.
+    // A floor 0.1 below the camera: its angle exceeds 80 degrees beyond 0.1 tan 80 = 0.567 ahead.
     let floor = rendered(&camera, plane([0.0, 1.0, 0.0], 0.1));
     let steep = floor.points().filter(|point| {
         let [x, y, z] = camera
@@ -327,7 +327,7 @@ fn colours_are_those_of_the_image() {
     assert_eq!(mesh.uncoloured, 0);
     let colours = mesh.colours.as_ref().unwrap();
     for (position, colour) in mesh.positions.iter().zip(colours) {
-        // Column 79.5 is between both; a vertex between two voxels may be of either.
+        // Column 79.5 is between both; a vertex between two voxels may have either value.
         let column = 130.0 * position[0] / 2.0 + 79.3;
         if column < 75.0 {
             assert_eq!(*colour, [150, 55, 50]);
@@ -350,7 +350,7 @@ fn colours_are_those_of_the_image() {
     assert!(matches!(error, Err(Error::Sizes { other: "image", .. })));
 }
 
-/// Every number of a mesh, bit by bit.
+/// Returns all numbers of a mesh as bits.
 fn bits(mesh: &Mesh) -> Vec<u64> {
     let positions = mesh.positions.iter().flatten().map(|v| v.to_bits());
     let normals = mesh.normals.iter().flatten().map(|v| v.to_bits().into());
@@ -404,7 +404,7 @@ fn memory_is_bounded_and_an_error_changes_nothing() {
     assert!(matches!(error, Error::Memory { edge: 0.02, .. }), "{error}");
     assert!(error.hint().is_some());
     assert_eq!((fusion.mesh().unwrap(), fusion.report()), (mesh, &report));
-    // The same frame fits, and more of them.
+    // The same frame still fits, also repeatedly.
     fusion.integrate(&frame(&maps[0], &cameras[0])).unwrap();
     assert_eq!(fusion.report().blocks, report.blocks);
 }
@@ -459,7 +459,7 @@ fn what_cannot_be_fused_is_refused() {
         ..frame(&depth, &camera)
     };
     assert!(matches!(fusion.integrate(&short), Err(Error::Sizes { .. })));
-    // Depths beyond the range of the indices of blocks.
+    // Depths beyond the range of block indices.
     let far = DepthMap::new(WIDTH, HEIGHT, vec![1e30; WIDTH * HEIGHT]).unwrap();
     let mut fusion = Fusion::new(settings(0.01)).unwrap();
     fusion.integrate(&frame(&far, &camera)).unwrap();

@@ -1,14 +1,13 @@
-//! The parts of a transformer (Vaswani et al. 2017) beside its matrix products: layer normalisation, GELU, and
-//! attention.
+//! Operations of a transformer (Vaswani et al. 2017) other than matrix products: layer normalisation, GELU, and attention.
 //!
 //! Tokens are rows. Results are the same bits for any number of threads.
 
 use crate::simd::{Level, Packed, Scratch, Shared, Tail};
 use rayon::prelude::*;
 
-/// Parallel partial sums, as many as the longest vector has lanes.
+/// Number of parallel partial sums: the lanes of the longest vector.
 const LANES: usize = 16;
-/// Queries of one task: whole register tiles of every level.
+/// Queries per task: a multiple of the register tile of every level.
 const QUERIES: usize = 84;
 
 /// Normalises each row of `x [rows, channels]` to mean 0 and variance 1, then applies gain and shift (layer
@@ -118,7 +117,7 @@ pub fn attention(
             values.apply(scores, Tail::default(), outputs);
             for (i, head_output) in outputs.chunks_exact(depth).enumerate() {
                 let place = (first + i) * width + head * depth;
-                // SAFETY: each task has tokens and a head of its own, inside the output.
+                // SAFETY: each task has its own tokens and head, inside the output.
                 let to = unsafe { std::slice::from_raw_parts_mut(output.at(place, depth), depth) };
                 to.copy_from_slice(head_output);
             }
@@ -126,7 +125,7 @@ pub fn attention(
     });
 }
 
-/// Exponentials, divided by their sum.
+/// Computes the softmax of a row in place.
 #[inline(always)]
 fn softmax(row: &mut [f32]) {
     let mut maxima = [f32::NEG_INFINITY; LANES];
@@ -147,7 +146,7 @@ fn softmax(row: &mut [f32]) {
     }
 }
 
-/// The sum of a function of all values.
+/// Returns the sum of a function of all values.
 #[inline(always)]
 fn sum(values: &[f32], of: impl Fn(f32) -> f32) -> f32 {
     let mut sums = [0.0; LANES];
@@ -163,14 +162,14 @@ fn sum(values: &[f32], of: impl Fn(f32) -> f32) -> f32 {
     sums.iter().sum()
 }
 
-/// `e^x` for x of at most 0, to a relative error of 2e-7, and 0 below the smallest normal number. It has no branch, so
-/// that the compiler vectorises it.
+/// Returns `e^x` for x of at most 0, to a relative error of 2e-7, and 0 below the smallest normal number. It has no branch, so
+/// that the compiler can vectorise it.
 #[inline(always)]
 fn exponential(x: f32) -> f32 {
-    /// Added to a number up to 2^22, it leaves the nearest integer in the last bits.
+    /// Added to a number up to 2^22, it rounds to the nearest integer, in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
     const LEAST: f32 = -87.0;
-    // The natural logarithm of 2, whose first part has few bits.
+    // The natural logarithm of 2 in two parts; the first has few bits.
     const HIGH: f32 = 0.693_359_4;
     const LOW: f32 = -2.121_944_4e-4;
     let bounded = if x > LEAST { x } else { LEAST };
@@ -194,7 +193,7 @@ fn exponential(x: f32) -> f32 {
     if x > LEAST { series * power } else { 0.0 }
 }
 
-/// The distribution function of the standard normal distribution, to 1e-7 (Abramowitz and Stegun 1964, 7.1.26).
+/// Returns the distribution function of the standard normal distribution, to 1e-7 (Abramowitz and Stegun 1964, 7.1.26).
 #[inline(always)]
 fn normal_distribution(x: f32) -> f32 {
     let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;

@@ -1,10 +1,10 @@
-//! The clock that run times are measured with.
+//! The clock for run times.
 
 #[cfg(not(all(target_arch = "wasm32", target_os = "unknown")))]
 pub use std::time::Instant;
 
-/// Takes the place of [`std::time::Instant`], which panics where WebAssembly has no host interface: all run times are
-/// 0. Whoever runs the module measures them from outside.
+/// Replaces [`std::time::Instant`], which panics in WebAssembly without a host interface: all run times are 0, and must be
+/// measured outside the module.
 #[cfg(all(target_arch = "wasm32", target_os = "unknown"))]
 #[derive(Clone, Copy, Debug)]
 pub struct Instant;

@@ -7,24 +7,24 @@ use crate::schedule::InTasks;
 use crate::simd::{Blend, Level, Unset, write_blends, written};
 use rayon::prelude::*;
 
-/// Cells that are computed as one piece.
+/// Cells per task.
 const PIECE: usize = 512;
 
 /// Four rows of a table and their weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BilinearCell {
-    /// Rows, which may be the same.
+    /// Row indices, which may repeat.
     pub rows: [u32; 4],
-    /// The weight of each.
+    /// Weights of the rows.
     pub shares: [f32; 4],
 }
 
-/// The weighted sums `[tables, cells, channels]` of rows of `tables [tables, rows, channels]`, for the cells of each
+/// Returns the weighted sums `[tables, cells, channels]` of rows of `tables [tables, rows, channels]`, for the cells of each
 /// table.
 ///
 /// # Panics
-/// If `tables` are not rows of `channels`, equally many for each list of cells, if a list is longer than another, or a cell
-/// names a row that its table lacks.
+/// If `tables` are not rows of `channels` or cannot be divided among the lists of cells, if lists differ in length, or if a
+/// cell refers to a row that its table does not have.
 pub fn gather(tables: &[f32], channels: usize, cells: &[Vec<BilinearCell>]) -> Vec<f32> {
     check_rows(tables, channels);
     let size = tables.len() / cells.len().max(1);
@@ -38,7 +38,7 @@ pub fn gather(tables: &[f32], channels: usize, cells: &[Vec<BilinearCell>]) -> V
             gather_one(&tables[i * size..][..size], channels, cells, output);
         });
     };
-    // SAFETY: every row of every list is set, or its table lacks it and there is no result.
+    // SAFETY: every row of every list is set; if a table lacks a row, this panics and there is no result.
     unsafe { written(cells.len() * count * channels, write) }
 }
 
@@ -62,8 +62,8 @@ fn gather_one(table: &[f32], channels: usize, cells: &[BilinearCell], output: &m
 /// `table [rows, channels]`.
 ///
 /// # Panics
-/// If `table` is not rows of `channels`, `values` are not as many as the cells, or a cell names a row that `table`
-/// lacks.
+/// If `table` is not rows of `channels`, the number of `values` does not match the cells, or a cell refers to a row that
+/// `table` does not have.
 pub fn scatter(values: &[f32], channels: usize, cells: &[BilinearCell], table: &mut [f32]) {
     check_rows(table, channels);
     assert_eq!(values.len(), cells.len() * channels, "rows of values");

@@ -1,8 +1,7 @@
 //! CPU kernels of lsdc for inference and training, on every instruction set.
 //!
-//! All functions are safe: they check the lengths of their arguments, and kernels are private. Every sum runs in the
-//! same order, so results are the same bits for any number of threads. They differ in rounding between instruction
-//! sets.
+//! All functions are safe: they check the lengths of their arguments, and kernels are private. Every sum has a fixed order, so
+//! results are bitwise equal for any number of threads. They differ in rounding between instruction sets.
 //!
 //! ```
 //! use lsdc_kernels::{attention::gelu, simd::Level};
@@ -11,7 +10,7 @@
 //! assert!(values[0].abs() < 0.01 && values[1] == 0.0 && (values[2] - 3.0).abs() < 0.01);
 //! ```
 //!
-//! `lsdc-core` runs the network and the fit on them, `lsdc-train` learns with their gradients.
+//! `lsdc-core` runs the network and the fit on them; `lsdc-train` uses their gradients.
 
 #![allow(unsafe_code)]
 
@@ -25,7 +24,7 @@ pub mod propagate;
 pub mod schedule;
 pub mod simd;
 
-/// Checks that `values` are rows of that many channels.
+/// Checks that `values` are rows of this many channels.
 fn check_rows(values: &[f32], channels: usize) {
     assert!(
         values.is_empty() || (channels > 0 && values.len().is_multiple_of(channels)),

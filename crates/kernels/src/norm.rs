@@ -1,17 +1,17 @@
-//! Sums and maps per channel over `[rows, channels]`.
+//! Per-channel sums and maps of `[rows, channels]`.
 //!
-//! Work is cut into the same pieces whatever the number of threads, and pieces are summed in a
-//! fixed order, so results do not depend on the number of threads.
+//! Work is divided into the same pieces for any number of threads, and pieces are summed in a fixed order, so results do not
+//! depend on the number of threads.
 
 use crate::check_rows;
 use crate::schedule::InTasks;
 use crate::simd::{Kernel, Level, Shared, Unset, Vector, written};
 use rayon::prelude::*;
 
-/// Floats of one piece: it is read twice, so it should fit second-level caches.
+/// Floats per piece: it is read twice, so it should fit second-level caches.
 const PIECE: usize = 1 << 16;
 
-/// Floats of the whole rows of one piece.
+/// Returns the number of floats of the whole rows of one piece.
 fn piece(channels: usize) -> usize {
     (PIECE / channels.max(1)).max(1) * channels.max(1)
 }
@@ -87,7 +87,7 @@ pub fn moments(x: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
             (f64::from(count), mean, squares)
         })
         .collect();
-    // The update of Chan, Golub and LeVeque 1979.
+    // The parallel update of Chan, Golub and LeVeque 1979.
     for (count, piece_mean, piece_squares) in pieces {
         let total = rows + count;
         for c in 0..channels {
@@ -118,7 +118,7 @@ pub fn normalise(x: &[f32], affine: &ChannelAffine, relu: bool) -> Vec<f32> {
 pub struct Backward<'a> {
     /// The normalisation with gain and shift.
     pub affine: &'a ChannelAffine,
-    /// The normalisation alone, with as many channels.
+    /// The normalisation without gain and shift, with the same number of channels.
     pub standard: &'a ChannelAffine,
     /// Whether a ReLU followed.
     pub relu: bool,
@@ -137,7 +137,7 @@ impl Backward<'_> {
     /// The gradients of gain and shift.
     ///
     /// # Panics
-    /// If lengths do not go together.
+    /// If lengths do not match.
     pub fn parameter_gradients(&self, x: &[f32], grad: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let channels = self.check(x, grad);
         let parts: Vec<_> = pieces(x, channels)
@@ -148,11 +148,11 @@ impl Backward<'_> {
         (total(gains, channels), total(shifts, channels))
     }
 
-    /// The gradient of the input; `statistics` is the part of it that comes through the statistics, an affine function of
-    /// the normalised input.
+    /// The gradient of the input; `statistics` is its part that passes through the statistics, an affine function of the
+    /// normalised input.
     ///
     /// # Panics
-    /// If lengths do not go together.
+    /// If lengths do not match.
     pub fn input_gradient(
         &self,
         x: &[f32],
@@ -168,11 +168,11 @@ impl Backward<'_> {
         map(x, grad, channels, operation)
     }
 
-    /// The `statistics` of [`Self::input_gradient`] for statistics of the input itself, from the gradients of gain and
-    /// shift over `rows` rows.
+    /// The `statistics` of [`Self::input_gradient`] if the statistics are those of the input itself, from the gradients of gain
+    /// and shift over `rows` rows.
     ///
     /// # Panics
-    /// If there are not as many gains as shifts.
+    /// If the numbers of gains and shifts differ.
     pub fn through_statistics(gain_grad: &[f32], shift_grad: &[f32], rows: usize) -> ChannelAffine {
         assert_eq!(gain_grad.len(), shift_grad.len(), "channels");
         let share = |v: &[f32]| v.iter().map(|v| v / rows as f32).collect();
@@ -197,11 +197,11 @@ impl Backward<'_> {
     }
 }
 
-/// The gradient of the input of a ReLU from its `outputs [rows, channels]` and their gradient `grad`, and the sums of it
-/// over the rows, per channel.
+/// The gradient of the input of a ReLU from its `outputs [rows, channels]` and their gradient `grad`, and its sums over the
+/// rows, per channel.
 ///
 /// # Panics
-/// If `grad` is not rows of `channels`, or there are not as many outputs.
+/// If `grad` is not rows of `channels`, or the number of outputs differs.
 pub fn relu_gradient(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
     check_rows(grad, channels);
     assert_eq!(outputs.len(), grad.len(), "gradient");
@@ -226,7 +226,7 @@ pub fn relu_gradient(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32
         };
         parts = to.par_chunks_mut(size).zip(from).map(part).collect();
     };
-    // SAFETY: the pieces make up the whole.
+    // SAFETY: the pieces cover the whole slice.
     let gradient = unsafe { written(grad.len(), write) };
     (gradient, total(parts, channels))
 }
@@ -241,7 +241,7 @@ pub fn row_sums(x: &[f32], channels: usize) -> Vec<f32> {
     total(parts.collect(), channels)
 }
 
-/// The total of the sums of pieces, in their order.
+/// Returns the total of the sums of pieces, in their order.
 fn total(parts: Vec<Vec<f32>>, channels: usize) -> Vec<f32> {
     let mut totals = vec![0.0_f64; channels];
     for part in parts {
@@ -296,7 +296,7 @@ impl Kernel for Sums<'_> {
     #[inline(always)]
     unsafe fn run<V: Vector>(mut self) {
         let mut c = 0;
-        // SAFETY: as demanded from the caller; columns lie below `channels`.
+        // SAFETY: as demanded from the caller; columns are below `channels`.
         unsafe {
             while c + 4 * V::LANES <= self.channels {
                 self.columns::<V, 4>(c);
@@ -311,7 +311,7 @@ impl Kernel for Sums<'_> {
 }
 
 impl Sums<'_> {
-    /// The sums of `N` vectors of channels.
+    /// Adds the sums of `N` vectors of channels.
     #[inline(always)]
     unsafe fn columns<V: Vector, const N: usize>(&mut self, start: usize) {
         // SAFETY: as demanded from the caller.
@@ -348,7 +348,7 @@ impl Sums<'_> {
     }
 }
 
-/// An operation on each value x, with a second one, y.
+/// An operation on each value x, with a corresponding value y.
 #[derive(Clone, Copy)]
 enum Operation<'a> {
     Normalise {
@@ -381,7 +381,7 @@ fn map(x: &[f32], y: &[f32], channels: usize, operation: Operation<'_>) -> Vec<f
             unsafe { Level::here().run(kernel) }
         });
     };
-    // SAFETY: the pieces make up the whole.
+    // SAFETY: the pieces cover the whole slice.
     unsafe { written(x.len(), write) }
 }
 

@@ -3,10 +3,10 @@
 
 use rayon::prelude::*;
 
-/// Neighbours of a pixel, and its weights.
+/// Number of neighbours of a pixel, and of its weights.
 pub const NEIGHBOURS: usize = 8;
 
-/// Rows and columns from a pixel to each of its neighbours.
+/// Row and column offsets of the neighbours of a pixel.
 pub const OFFSETS: [(isize, isize); NEIGHBOURS] = [
     (1, 1),
     (1, 0),
@@ -41,12 +41,12 @@ impl Padded {
         (row + 1) * (self.width + 2) + column + 1
     }
 
-    /// The distances to the neighbours in memory.
+    /// Returns the offsets of the neighbours in memory.
     fn strides(&self) -> [isize; NEIGHBOURS] {
         OFFSETS.map(|(rows, columns)| rows * (self.width as isize + 2) + columns)
     }
 
-    /// The neighbours of a pixel, which is not in the border.
+    /// Returns the neighbours of a pixel that is not in the border.
     fn neighbours(&self, index: usize, strides: &[isize; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
         strides.map(|stride| self.values[index.wrapping_add_signed(stride)])
     }
@@ -61,7 +61,7 @@ fn check(weights: &[f32], maps: &[&[f32]], height: usize, width: usize) {
     }
 }
 
-/// The inputs of all steps, and the output of the last one.
+/// Returns the inputs of all steps, and the output of the last one.
 fn run_steps(
     weights: &[f32],
     start: &[f32],
@@ -98,11 +98,11 @@ fn run_steps(
     (states, map)
 }
 
-/// Propagates `start [height, width]` with `weights [height, width, 8]` in some steps; pixels of `known` above 0
-/// have those values after each. The weight of a pixel's start is 1 minus the sum of its weights.
+/// Propagates `start [height, width]` with `weights [height, width, 8]` for some steps; pixels of `known` above 0 are set to
+/// these values after each step. The weight of a pixel's start value is 1 minus the sum of its weights.
 ///
 /// # Panics
-/// Slices that do not belong to a map of this size.
+/// If a slice does not match a map of this size.
 pub fn propagate(
     weights: &[f32],
     start: &[f32],
@@ -114,10 +114,10 @@ pub fn propagate(
     run_steps(weights, start, known, (height, width), steps).1
 }
 
-/// The gradients of weights and start from that of the result.
+/// Returns the gradients of weights and start from that of the result.
 ///
 /// # Panics
-/// As [`propagate`].
+/// As for [`propagate`].
 pub fn propagate_gradients(
     weights: &[f32],
     start: &[f32],
@@ -133,7 +133,7 @@ pub fn propagate_gradients(
     let mut gradient = gradient.to_vec();
     for state in states.iter().rev() {
         for (gradient, known) in gradient.iter_mut().zip(known) {
-            // Nothing flows through a known pixel.
+            // Known pixels block the gradient.
             if *known > 0.0 {
                 *gradient = 0.0;
             }
@@ -156,7 +156,7 @@ pub fn propagate_gradients(
                     for (gradient, neighbour) in gradients.iter_mut().zip(neighbours) {
                         *gradient += own * (neighbour - start[pixel]);
                     }
-                    // The pixels whose neighbour this pixel is.
+                    // The pixels that have this pixel as a neighbour.
                     let mut sum = 0.0;
                     for (k, (rows, columns)) in OFFSETS.into_iter().enumerate() {
                         let (y, x) = (
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn a_step_reads_the_neighbours_and_the_start() {
-        // One pixel of a map of 2x2 reads its right neighbour by a half.
+        // One pixel of a map of 2x2 reads its right neighbour with weight 0.5.
         let mut weights = vec![0.0; 4 * NEIGHBOURS];
         weights[3] = 0.5;
         let start = [1.0, 5.0, 7.0, 9.0];
@@ -196,7 +196,7 @@ mod tests {
         let gradients = propagate_gradients(&weights, &start, &known, &[1.0; 4], (2, 2), 1);
         assert_eq!(gradients.1, [0.5, 1.5, 0.0, 1.0]);
         assert_eq!(gradients.0[3], 4.0);
-        // Outside there is 0.
+        // Values outside the map are 0.
         assert_eq!(gradients.0[6], -1.0);
     }
 }

@@ -1,7 +1,7 @@
-//! Traces of parallel computations: recorded on one thread, they predict the time on many.
+//! Traces of parallel computations, recorded on one thread to predict the run time on many threads.
 //!
-//! Threads share the work of a [`region`], which consists of [tasks](Region::task); [`InTasks`] makes both of parallel
-//! iterators. Unless [`record`] is running, both only read a thread-local variable.
+//! Threads share the work of a [`region`], which consists of [tasks](Region::task); [`InTasks`] makes regions of tasks from
+//! parallel iterators. Unless [`record`] is running, regions and tasks only read a thread-local variable.
 //!
 //! ```
 //! use lsdc_kernels::schedule::{InTasks, Segment, record};
@@ -20,20 +20,20 @@ use rayon::prelude::*;
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
 
-/// The segments of a task, in their order.
+/// The segments of a task, in order.
 #[derive(Clone, Debug, Default)]
 pub struct TaskTrace(pub Vec<Segment>);
 
 /// A segment of a task.
 #[derive(Clone, Debug)]
 pub enum Segment {
-    /// The time of work on one thread.
+    /// Serial work, with its run time.
     Serial(Duration),
-    /// Tasks that threads share; the next segment begins when all have ended.
+    /// Tasks shared by threads; the next segment begins when all have ended.
     Parallel(Vec<TaskTrace>),
 }
 
-/// A task that runs, the start of its last segment, and the ended tasks of the region that it is in.
+/// A running task, the start of its last segment, and the finished tasks of its region.
 struct RunningTask {
     trace: TaskTrace,
     since: Instant,
@@ -41,9 +41,9 @@ struct RunningTask {
 }
 
 thread_local! {
-    /// The running tasks, the outermost first. Empty: nothing is recorded.
+    /// The running tasks, the outermost first; empty if nothing is recorded.
     static RUNNING: RefCell<Vec<RunningTask>> = const { RefCell::new(Vec::new()) };
-    /// The number of threads that work is divided for while it is recorded.
+    /// The number of threads for which work is divided while it is recorded.
     static THREADS: Cell<usize> = const { Cell::new(1) };
 }
 
@@ -66,7 +66,7 @@ impl RunningTask {
     }
 }
 
-/// Runs `work`, divided for that many threads, and returns its trace. It should run in a pool of one thread.
+/// Runs `work`, divided for this many threads, and returns its trace. It should run in a pool of one thread.
 pub fn record<R>(threads: usize, work: impl FnOnce() -> R) -> (R, TaskTrace) {
     THREADS.set(threads);
     let outer = RUNNING.replace(vec![RunningTask::new()]);
@@ -75,7 +75,7 @@ pub fn record<R>(threads: usize, work: impl FnOnce() -> R) -> (R, TaskTrace) {
     (result, task.map(RunningTask::end).unwrap_or_default())
 }
 
-/// The number of threads that work is divided for: those of the pool, unless it is recorded.
+/// The number of threads for which work is divided: those of the pool, unless it is recorded.
 pub fn threads() -> usize {
     if RUNNING.with_borrow(Vec::is_empty) {
         rayon::current_num_threads()
@@ -84,13 +84,13 @@ pub fn threads() -> usize {
     }
 }
 
-/// Work that threads share.
+/// Work shared by threads.
 #[derive(Debug)]
 pub struct Region {
     recorded: bool,
 }
 
-/// Shares work among threads.
+/// Runs work that is shared by threads.
 pub fn region<R>(share: impl FnOnce(&Region) -> R) -> R {
     let outer = RUNNING.with_borrow_mut(|running| {
         let task = running.last_mut()?;
@@ -113,7 +113,7 @@ pub fn region<R>(share: impl FnOnce(&Region) -> R) -> R {
 }
 
 impl Region {
-    /// A task of the region.
+    /// Runs a task of the region.
     #[inline]
     pub fn task<R>(&self, work: impl FnOnce() -> R) -> R {
         if self.recorded {
@@ -136,7 +136,7 @@ fn recorded<R>(work: impl FnOnce() -> R) -> R {
     result
 }
 
-/// A parallel iterator each of whose items is a task of a region.
+/// A parallel iterator whose items are processed as tasks of a region.
 pub trait InTasks: ParallelIterator {
     /// [`ParallelIterator::for_each`].
     fn each(self, work: impl Fn(Self::Item) + Send + Sync) {
@@ -166,7 +166,7 @@ pub fn join<A: Send, B: Send>(
 mod tests {
     use super::*;
 
-    /// The numbers of tasks of the regions of a task, each with those of its tasks.
+    /// Describes the regions of a task by their numbers of tasks, recursively.
     fn shape(trace: &TaskTrace) -> String {
         let regions = trace.0.iter().filter_map(|segment| match segment {
             Segment::Serial(_) => None,
@@ -203,7 +203,7 @@ mod tests {
         let (sum, trace) = pool.install(|| record(2, work));
         assert_eq!(sum, 5);
         assert_eq!(shape(&trace), "((1 1) (1 1) (1 1))(1 1)");
-        // Nothing is recorded afterwards, or by others.
+        // Nothing is recorded afterwards, or for other threads.
         assert_eq!(pool.install(work), 5);
         assert!(RUNNING.with_borrow(Vec::is_empty));
     }

@@ -1,7 +1,7 @@
 //! Seeded random streams that never change between releases.
 //!
-//! A stream is named by a seed and a list of keys (a frame id, an epoch, a purpose), so a draw
-//! depends neither on the number of workers nor on the order of work.
+//! A stream is named by a seed and a list of keys (a frame id, an epoch, a purpose), so a draw does not depend on the number of
+//! workers or on the order of work.
 //!
 //! ```
 //! use lsdc_rng::Rng;
@@ -10,7 +10,7 @@
 //! assert_eq!(points.unit(), same);
 //! ```
 //!
-//! All packages of lsdc draw from it; `lsdc-kernels` and `lsdc-core` are the next above.
+//! All packages of lsdc use it; `lsdc-kernels` and `lsdc-core` are the next above.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
@@ -27,7 +27,7 @@ impl Rng {
         Self(rng)
     }
 
-    /// Uniform in `0..bound` without bias (Lemire 2019); `bound` must not be 0.
+    /// Returns a uniform integer in `0..bound` without bias (Lemire 2019); `bound` must not be 0.
     pub fn below(&mut self, bound: u32) -> u32 {
         let threshold = bound.wrapping_neg() % bound.max(1);
         loop {
@@ -38,29 +38,28 @@ impl Rng {
         }
     }
 
-    /// Uniform in `[0, 1)` with 24 random bits.
+    /// Returns a uniform number in `[0, 1)` with 24 random bits.
     pub fn unit(&mut self) -> f32 {
         (self.0.next_u32() >> 8) as f32 / (1 << 24) as f32
     }
 
-    /// Uniform in `[low, high)`.
+    /// Returns a uniform number in `[low, high)`.
     pub fn range(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.unit()
     }
 
-    /// True with the given probability.
+    /// Returns true with the given probability.
     pub fn chance(&mut self, probability: f32) -> bool {
         self.unit() < probability
     }
 
-    /// Standard normal (Box and Muller 1958).
+    /// Returns a standard normal number (Box and Muller 1958).
     pub fn normal(&mut self) -> f32 {
         let radius = (-2.0 * (1.0 - f64::from(self.unit())).ln()).sqrt();
         (radius * (std::f64::consts::TAU * f64::from(self.unit())).cos()) as f32
     }
 
-    /// Moves a uniform random choice of `count` items to the front, in random order
-    /// (partial Fisher-Yates shuffle).
+    /// Moves a uniform random sample of `count` items to the front, in random order (partial Fisher-Yates shuffle).
     pub fn choose<T>(&mut self, items: &mut [T], count: usize) {
         for i in 0..count.min(items.len()) {
             let j = i + self.below((items.len() - i) as u32) as usize;
@@ -69,7 +68,7 @@ impl Rng {
     }
 }
 
-/// FNV-1a, 64 bits, over the keys with a separator.
+/// Returns the 64-bit FNV-1a hash of the keys with a separator.
 pub fn hash(keys: &[impl AsRef<[u8]>]) -> u64 {
     let mut state = 0xcbf2_9ce4_8422_2325_u64;
     for key in keys {

@@ -1,6 +1,6 @@
-//! Lens models: how distortion moves the image of a point.
+//! Lens models, which describe the distortion of image positions.
 
-/// A lens model: how distortion moves the image of a point.
+/// A lens model, which describes the distortion of image positions.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Lens {
@@ -10,7 +10,7 @@ pub enum Lens {
     /// certain radius (the tangent of the angle to the axis), the image folds back.
     #[non_exhaustive]
     Radtan {
-        /// In the order of `OpenCV`.
+        /// Coefficients in the order of `OpenCV`.
         coefficients: [f64; 8],
         /// The radius at which the image begins to fold back.
         radius: f64,
@@ -19,14 +19,14 @@ pub enum Lens {
     /// certain angle to the axis, the image folds back.
     #[non_exhaustive]
     Fisheye {
-        /// In the order of `OpenCV`.
+        /// Coefficients in the order of `OpenCV`.
         coefficients: [f64; 4],
         /// The angle at which the image begins to fold back.
         angle: f64,
     },
 }
 
-/// Newton's steps to find where a pixel came from.
+/// Number of Newton steps to invert the distortion.
 const STEPS: usize = 20;
 
 impl Lens {
@@ -105,7 +105,7 @@ impl Lens {
         }
     }
 
-    /// The ray of an image position, by Newton's method: the inverse of the distortion.
+    /// Returns the ray of an image position, by inverting the distortion with Newton's method.
     pub(super) fn undistort(&self, distorted: [f64; 2]) -> Option<[f64; 2]> {
         const DIFFERENCE: f64 = 1e-6;
         const NEAR: f64 = 1e-9;
@@ -113,7 +113,7 @@ impl Lens {
             return Some(distorted);
         }
         let mut ray = match self {
-            // Straight ahead a fisheye sees angles, which tangents outgrow.
+            // A fisheye lens is inverted in angles, because tangents diverge.
             Self::Fisheye { angle: last, .. } => {
                 let angle = (distorted[0].powi(2) + distorted[1].powi(2)).sqrt();
                 let factor = angle.clamp(1e-12, last.min(1.5)).tan() / angle.max(1e-12);
@@ -139,9 +139,9 @@ impl Lens {
     }
 }
 
-/// The largest value up to which image positions move outwards with the rays; infinite if that is `last`.
+/// Returns the largest value up to which image positions move outwards with the rays; infinite if that is `last`.
 fn fold(last: f64, distorted: impl Fn(f64) -> f64) -> f64 {
-    /// Of the search.
+    /// Number of samples of the search.
     const STEPS: usize = 1000;
     let at = |step: usize| last * step as f64 / STEPS as f64;
     let rising = (1..=STEPS).take_while(|&step| distorted(at(step)) > distorted(at(step - 1)));

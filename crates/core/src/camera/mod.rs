@@ -24,7 +24,7 @@ pub struct Camera {
     focal: [f64; 2],
     center: [f64; 2],
     lens: Lens,
-    /// From the world to the camera.
+    /// Rotation from the world to the camera.
     rotation: [[f64; 3]; 3],
     translation: [f64; 3],
 }
@@ -43,7 +43,7 @@ impl Camera {
         }
     }
 
-    /// The same camera with a lens that distorts.
+    /// The same camera with a distorting lens.
     #[must_use]
     pub fn with_lens(self, lens: Lens) -> Self {
         Self { lens, ..self }
@@ -74,8 +74,8 @@ impl Camera {
     /// Checks every number.
     ///
     /// # Errors
-    /// Numbers that are not finite, focal lengths that are not above 0, or a pose that is no rotation: one
-    /// that mirrors or scales.
+    /// Numbers that are not finite, focal lengths that are not above 0, or a pose matrix that is not a rotation because it
+    /// mirrors or scales.
     pub fn check(&self) -> Result<(), SettingsError> {
         /// Rotations are often written with few digits.
         const ROUNDING: f64 = 1e-3;

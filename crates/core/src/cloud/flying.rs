@@ -1,35 +1,36 @@
-//! Flying pixels: those of a depth map that lie between the surfaces on both sides of a depth edge.
+//! Flying pixels: pixels of a depth map between the surfaces on both sides of a depth edge.
 
 use crate::map::DepthMap;
 use rayon::prelude::*;
 
-/// The tangent of the angle between the viewing ray and the normal, from which on a surface is seen at a grazing angle: 80
-/// degrees.
+/// Tangent of the least angle between the viewing ray and the normal at which a surface counts as grazing: 80 degrees.
 const GRAZING: f64 = 5.67;
-/// How far from a pixel the surfaces on both sides of an edge are looked at, in radians of the view, and at least in pixels.
+/// Distance from a pixel within which the surfaces on both sides of an edge are examined, in radians of the view, and its
+/// minimum in pixels.
 const REACH: f64 = 0.03;
 const LEAST: usize = 8;
-/// The last part of that way is the surface.
+/// Fraction of that distance, at its end, over which the slope of a surface is measured: one in this many.
 const SURFACE: usize = 4;
-/// On a plane the slope of inverse depth is the same everywhere. At a depth edge that of both surfaces is below this share of
-/// the slope between them.
+/// Inverse depth has a constant slope on a plane. At a depth edge, the slopes on both surfaces are below this share of the
+/// slope between them.
 const FLAT: f64 = 0.7;
-/// The least share of the way from one neighbour to the other, by which a pixel lies between them: otherwise it is the last of
-/// a surface.
+/// Least share of the difference between both neighbours at which a pixel is between them; otherwise it is the last pixel of a
+/// surface.
 const BETWEEN: f64 = 0.1;
-/// Rows, columns and diagonals: pixels right and down.
+/// Rows, columns and diagonals, as steps to the right and down.
 const DIRECTIONS: [(isize, isize); 4] = [(1, 0), (0, 1), (1, 1), (1, -1)];
 
-/// Returns for every pixel of a map, row by row, whether it is a flying pixel: one that belongs to neither surface at a depth
-/// edge, but to a ramp that joins both. `focal` are the focal lengths in pixels of the map.
+/// Returns for every pixel of a map, row by row, whether it is a flying pixel: a pixel that belongs to neither surface at a
+/// depth edge, but to a ramp between both. `focal` are the focal lengths in pixels of the map.
 ///
-/// A pixel is one if along a row, a column or a diagonal
+/// A pixel is a flying pixel if, along a row, a column or a diagonal:
 /// - the surface is seen at a grazing angle: between the two neighbours, depth changes by more than tan 80° of itself per
-///   radian of the view, and its own inverse depth is between theirs, at least a tenth of the way from either; and
-/// - this is not a plane seen from the side, which would go on: 0.03 radians of the view before and behind (16 pixels at a
-///   focal length of 525, and at least 8), inverse depth, which is linear on planes, changes less than 0.7 times as fast.
+///   radian of the view, and its own inverse depth is between theirs, at least a tenth of the difference from either; and
+/// - the surface is not a plane seen from the side, which would continue: within 0.03 radians of the view on both sides (16
+///   pixels at a focal length of 525, and at least 8), inverse depth, which is linear on planes, changes less than 0.7 times as
+///   fast.
 ///
-/// Pixels without depth are none, and end a surface like the border of the map.
+/// Pixels without depth are never flying pixels, and end a surface like the border of the map.
 pub fn flying_pixels(depth: &DepthMap, focal: [f64; 2]) -> Vec<bool> {
     let map = Inverse { depth };
     let lines = DIRECTIONS.map(|direction| Line::new(direction, focal));
@@ -45,9 +46,9 @@ pub fn flying_pixels(depth: &DepthMap, focal: [f64; 2]) -> Vec<bool> {
 #[derive(Clone, Copy)]
 struct Line {
     step: (isize, isize),
-    /// Radians of the view from one pixel to the next.
+    /// Angle in radians between neighbouring pixels.
     angle: f64,
-    /// Pixels.
+    /// Distance in pixels up to which surfaces are examined.
     reach: usize,
 }
 
@@ -62,14 +63,14 @@ impl Line {
     }
 }
 
-/// Inverse depths.
+/// Access to a depth map as inverse depths.
 #[derive(Clone, Copy)]
 struct Inverse<'a> {
     depth: &'a DepthMap,
 }
 
 impl Inverse<'_> {
-    /// Whether a pixel lies on a ramp along a line.
+    /// Whether a pixel is on a ramp along a line.
     fn is_ramp(self, pixel: [usize; 2], line: Line) -> bool {
         let at = |steps| self.at(pixel, line.step, steps);
         let (Some(own), Some(before), Some(after)) = (at(0), at(-1), at(1)) else {
@@ -84,7 +85,7 @@ impl Inverse<'_> {
             && is_flat(1)
     }
 
-    /// The slope, per pixel, at the end of the way to one side.
+    /// Returns the slope per pixel at the far end of one side.
     fn surface(self, pixel: [usize; 2], line: Line, side: isize) -> f64 {
         let at = |steps: usize| self.at(pixel, line.step, side * steps as isize);
         let pixels = (1..=line.reach).take_while(|steps| at(*steps).is_some());
@@ -147,13 +148,13 @@ mod tests {
 
     #[test]
     fn planes_are_no_ramps_however_they_are_seen() {
-        // A floor 1.5 m below the camera, and the wall of a corridor 1 m beside it, up to 25 m.
+        // A floor 1.5 m below the camera, and the wall of a corridor 1 m next to it, up to 25 m.
         assert_eq!(flying(|_, y| 150.0 / (y + 6.0)), [[0; 2]; 0]);
         assert_eq!(
             flying(|x, y| (100.0 / (x + 4.0)).min(150.0 / (y + 6.0))),
             [[0; 2]; 0]
         );
-        // Where it meets a wall that faces the camera.
+        // Its border with a wall that faces the camera.
         assert_eq!(flying(|_, y| (150.0 / (y + 6.0)).min(8.0)), [[0; 2]; 0]);
     }
 

@@ -12,7 +12,7 @@ pub use flying::flying_pixels;
 use occlusion::remove_hidden;
 pub use surface::{fronts, is_behind};
 
-/// The points of a cloud that a camera sees, and counts of those that it does not see.
+/// The points of a cloud that a camera sees, and counts of the other points.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Cloud {
@@ -27,12 +27,11 @@ pub struct Cloud {
 }
 
 impl Cloud {
-    /// Projects the points of a cloud, in the unit of the camera's pose, into an image of `width` x `height`
-    /// pixels. Points occluded by nearer surfaces are left out. Where the nearer points are sparse, some
-    /// occluded points remain.
+    /// Projects the points of a cloud, in the unit of the camera's pose, into an image of `width` x `height` pixels. Points
+    /// occluded by nearer surfaces are dropped. If the nearer points are sparse, some occluded points remain.
     ///
     /// # Errors
-    /// An implausible size, or a camera with [numbers that cannot be](Camera::check).
+    /// An implausible size, or a camera with [invalid parameters](Camera::check).
     ///
     /// ```
     /// # fn main() -> lsdc_core::Result<()> {
@@ -88,8 +87,8 @@ pub fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize>
     Some(within(v, height)? * width + within(u, width)?)
 }
 
-/// Whether each point is not occluded by nearer surfaces in the same pixel of an image of `size` (width, height) and, with
-/// `between`, by the points of a cloud around it. It does not depend on the order of the points.
+/// Whether each point is visible: not occluded by nearer surfaces in the same pixel of an image of `size` (width, height) and,
+/// with `between`, not by the points of a cloud around it. The result does not depend on the order of the points.
 pub fn visible(
     points: &[Observation],
     (width, height): (usize, usize),

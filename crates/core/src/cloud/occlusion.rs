@@ -1,25 +1,25 @@
-//! Removal of occluded points that show between the nearer points of a closed surface.
+//! Removal of occluded points that are visible through gaps between the nearer points of a closed surface.
 
 use super::surface::NEARER;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// A point is surrounded by nearer ones if the largest angle between two directions to them, as seen from it, is
+/// A point is surrounded by nearer points if the largest angle between neighbouring directions to them, as seen from it, is
 /// below this.
 const SURROUNDED: f64 = 140.0 / 360.0 * TAU;
-/// Inside the outline of an object that angle is at most a half turn. Between the outermost points of an object and
-/// its outline, and as far outside, nothing distinguishes an occluded point from one that is seen. Where any are
-/// occluded, one too many harms a map more than one too few. Where no point lies in the open direction, it is not
-/// known what surface ends there.
+/// Inside the outline of an object this angle is at most a half turn. Between the outermost points of an object and its
+/// outline, and equally far outside, occluded and visible points cannot be distinguished. If any points are occluded, one point
+/// too many harms a map more than one too few. If there is no point in the open direction, the surface that ends there is
+/// unknown.
 const OPEN: f64 = 250.0 / 360.0 * TAU;
 const OPEN_TO_NOTHING: f64 = 0.5 * TAU;
-/// The share of these that must be surrounded. It is about a half in a cloud of a scanner beside the camera and a
-/// tenth, at inner edges, where the camera has seen all points.
+/// Least share of surrounded points among the enclosed ones for which all of them are removed. It is about a half in a cloud of
+/// a scanner next to the camera and a tenth, at inner edges, in a cloud whose points are all visible to the camera.
 const SHARE: f64 = 0.3;
-/// Fewer nearer points are no surface.
+/// Least number of nearer points that form a surface.
 const FEWEST: usize = 3;
-/// The radius of the window, in mean distances between points, and its bounds in pixels: where points are farther
-/// apart, the space between them may really be open.
+/// Radius of the window, in mean distances between points, and its bounds in pixels: gaps between points that are farther apart
+/// may be real.
 const REACH: f64 = 2.5;
 const BOUNDS: (f64, f64) = (1.5, 12.0);
 
@@ -44,9 +44,9 @@ pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
     hidden.len()
 }
 
-/// The radius of the window, from the density of the points in the areas that have any.
+/// Returns the radius of the window, from the density of the points in non-empty areas.
 fn reach(width: usize, depths: &[f32]) -> f64 {
-    /// Cells of that many pixels a side are covered or not.
+    /// Side in pixels of the cells for the measurement of the covered area.
     const CELL: usize = 16;
     let across = width.div_ceil(CELL);
     let mut covered = vec![false; across * (depths.len() / width.max(1)).div_ceil(CELL)];
@@ -62,10 +62,10 @@ fn reach(width: usize, depths: &[f32]) -> f64 {
     (REACH * distance).clamp(BOUNDS.0, BOUNDS.1)
 }
 
-/// The pixels around one.
+/// The pixels around a pixel.
 struct Neighbourhood(Vec<Offset>);
 
-/// A pixel, as seen from another.
+/// The offset of a pixel from another.
 struct Offset {
     right: isize,
     down: isize,
@@ -76,8 +76,8 @@ struct Offset {
 /// A point in the window.
 struct Other<'a> {
     place: &'a Offset,
-    /// How much larger its inverse depth is, a pixel; on a plane, that of the opposite direction is as much
-    /// smaller.
+    /// Increase of inverse depth per pixel towards this point; on a plane, the increase in the opposite direction is the
+    /// negative of this.
     slope: f64,
 }
 
@@ -95,9 +95,9 @@ impl Neighbourhood {
         Self(places.filter(inside).collect())
     }
 
-    /// Whether nearer points surround a point, if it lies between them or next to their outline.
+    /// Whether nearer points surround a point; `None` if it is neither between them nor next to their outline.
     fn enclosed(&self, depths: &[f32], width: usize, pixel: usize) -> Option<bool> {
-        /// Off the middle of the widest opening.
+        /// Tolerance around the middle of the widest opening.
         const AHEAD: f64 = TAU / 6.0;
         let depth = depths[pixel];
         if depth <= 0.0 {
@@ -144,18 +144,18 @@ impl Neighbourhood {
 }
 
 impl Other<'_> {
-    /// Whether a farther point on the other side lies on a slope with this one.
+    /// Whether a farther point on the opposite side is on the same slope as this one.
     fn continues(&self, far: &Self) -> bool {
-        /// Radians off the opposite direction.
+        /// Tolerance in radians from the opposite direction.
         const ASIDE: f64 = TAU / 12.0;
-        /// Of the slope towards the nearer point.
+        /// Least slope, as a share of the slope towards the nearer point.
         const LEAST: f64 = 0.5;
         let turn = turn(self.place.direction, far.place.direction);
         turn > 0.5 * TAU - ASIDE && -far.slope > LEAST * self.slope
     }
 }
 
-/// The angle between two directions, up to a half turn.
+/// Returns the angle between two directions, up to a half turn.
 fn turn(a: f64, b: f64) -> f64 {
     let turn = (a - b).rem_euclid(TAU);
     turn.min(TAU - turn)
@@ -165,8 +165,8 @@ fn turn(a: f64, b: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A box at 2 m in front of a wall at 5 m, both seen at every `step`th pixel, the wall between
-    /// the points of the box too.
+    /// A box at 2 m in front of a wall at 5 m, both measured at every `step`th pixel, the wall also between the points of the
+    /// box.
     #[test]
     fn a_wall_is_not_seen_through_a_box() {
         const SIZE: usize = 120;
@@ -191,7 +191,7 @@ mod tests {
             remove_hidden(SIZE, &mut depths);
             for (i, (before, after)) in before.iter().zip(&depths).enumerate() {
                 let (x, y) = (i % SIZE, i / SIZE);
-                // Next to the box's edge either is right.
+                // Next to the edge of the box, either result is right.
                 if *before == 5.0 && within(x, y, step + 2) {
                     assert_eq!(*after, 0.0, "{step}: through the box at {x}, {y}");
                 } else if !beside(x, y, step + step / 2) || *before == 2.0 {

@@ -1,15 +1,15 @@
-//! Which points within one pixel lie on its nearest surface.
+//! Selection of the points within a pixel that belong to its nearest surface.
 
 use crate::observations::Observation;
 
-/// By which share of the depth a surface must be nearer to occlude a point.
+/// Least difference, as a share of the depth, at which a nearer surface occludes a point.
 pub(super) const NEARER: f32 = 0.05;
 
-/// By how many standard deviations two depths must differ to belong to two surfaces.
+/// Least difference of two depths, in standard deviations, at which they belong to two surfaces.
 const SURE: f32 = 3.0;
 
-/// The depth up to which the nearest surface of each pixel extends, infinite where there is none. A point
-/// with a large standard deviation determines the surface less.
+/// The depth up to which the nearest surface of each pixel extends, infinite without a point. A point with a large standard
+/// deviation has less influence on the surface.
 pub fn fronts<'a>(
     points: impl Iterator<Item = (usize, &'a Observation)>,
     pixels: usize,
@@ -31,7 +31,7 @@ pub fn is_behind(point: &Observation, front: f32) -> bool {
 mod tests {
     use super::*;
 
-    /// Which of the points are hidden, in one pixel.
+    /// Returns whether each of the points, in one pixel, is hidden.
     fn hidden(points: &[(f32, Option<f32>)]) -> Vec<bool> {
         let points: Vec<Observation> = points
             .iter()

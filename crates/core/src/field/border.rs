@@ -1,10 +1,9 @@
-//! Observations beside a factor: `W = L^-1 S'` for the matrix S whose rows interpolate the field at them, and the
-//! covariances `S K^-1 S' = W' W` of the field there.
+//! Observations bordering a factor: `W = L^-1 S'` for the matrix S whose rows interpolate the field at the observations, and
+//! the covariances `S K^-1 S' = W' W` of the field there.
 //!
-//! An observation concerns the variables of its own tile and of the separators around it, up to the last: these
-//! rows of W are dense, all others 0. Observations are put in the order in which the pixels that they
-//! interpolate are eliminated first, so that those of a separator and all below it are consecutive. They are worked
-//! on in strips of rows, each of which is a task of its own.
+//! An observation affects the variables of its own tile and of the separators around it, up to the last: these rows of W are
+//! dense, all others 0. Observations are sorted by the first eliminated pixel among those that they interpolate, so that the
+//! observations of a separator and all below it are consecutive. They are processed in strips of rows, one task each.
 
 use super::factor::{Factor, both};
 use super::plan::{Child, FORK, PixelLocation, TileBatch};
@@ -17,7 +16,7 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// Columns of a covariance that a task finds: part of a strip, because the first columns have many more rows than the last.
+/// Columns of a covariance per task: part of a strip, because the first columns have many more rows than the last.
 const TOGETHER: usize = STRIP / 4;
 
 /// `W`, by the variables of separators and tiles.
@@ -25,9 +24,9 @@ const TOGETHER: usize = STRIP / 4;
 pub(super) struct Border {
     /// The observation at each position.
     pub(super) order: Vec<usize>,
-    /// Of each separator, by strips.
+    /// Rows of each separator, in strips.
     separators: Vec<Vec<Strip>>,
-    /// Of the tiles with observations.
+    /// Rows of the tiles with observations.
     tiles: Vec<TileRows>,
 }
 
@@ -38,7 +37,7 @@ struct TileRows {
     positions: Range<usize>,
     /// `[observations, pixels in the order of elimination]`, row by row.
     values: Vec<f64>,
-    /// Their update of the ring, likewise.
+    /// Their update of the ring, in the same layout.
     ring: Vec<f64>,
 }
 
@@ -130,7 +129,7 @@ impl Border {
                 *value = -*value;
             }
         });
-        // The observations of a tile are consecutive, and of no other tile.
+        // The observations of a tile are consecutive, and belong to no other tile.
         let mut remaining = &mut all[..];
         let mut done = 0;
         let mut tiles = Vec::with_capacity(self.tiles.len());
@@ -266,7 +265,7 @@ impl Border {
     }
 }
 
-/// The positions of the observations that concern a child first; `turns` are those of all positions.
+/// Returns the positions of the observations whose first eliminated pixel is in a child; `turns` are those of all positions.
 fn positions(factor: &Factor, turns: &[u32], child: Child) -> Range<usize> {
     let own = factor.plan.turns(child);
     let at = |turn: u32| turns.partition_point(|other| *other < turn);
@@ -277,14 +276,14 @@ fn positions(factor: &Factor, turns: &[u32], child: Child) -> Range<usize> {
 struct Ancestors<'a> {
     factor: &'a Factor,
     of_tiles: Vec<Option<&'a TileRows>>,
-    /// Position, column and share of what observations take from each separator.
+    /// Interpolation weights of observations at the pixels of each separator: position, column and share.
     on_separators: HashMap<usize, Vec<(usize, usize, f64)>>,
     turns: &'a [u32],
 }
 
 impl Ancestors<'_> {
-    /// Fills in the strips of a separator and all below it, which are in `separators` from `base` on, and returns the
-    /// update of the boundary of the separator.
+    /// Fills in the strips of a separator and of all separators below it, which begin at `base` in `separators`, and returns
+    /// the update of the boundary of the separator.
     fn separator(&self, at: usize, separators: &mut [Vec<Strip>], base: usize) -> Vec<Strip> {
         let separator = &self.factor.plan.separators[at];
         let positions = positions(self.factor, self.turns, Child::Separator(at));
@@ -355,10 +354,10 @@ impl Ancestors<'_> {
 
 /// The rows of observations in the front of a separator.
 struct RowsOfFront {
-    /// Columns that are eliminated.
+    /// Number of eliminated columns.
     count: usize,
     own: Vec<Strip>,
-    /// For the columns of the boundary.
+    /// Strips for the columns of the boundary.
     update: Vec<Strip>,
 }
 
@@ -377,7 +376,7 @@ impl RowsOfFront {
     }
 }
 
-/// Substitutes forward through the tiles that observations lie in.
+/// Substitutes forward through the tiles that contain observations.
 fn tile_rows(
     factor: &Factor,
     on_tiles: &[Vec<(usize, usize, f64)>],

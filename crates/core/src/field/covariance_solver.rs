@@ -22,7 +22,7 @@ use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A field with few observations: from the factor of the equations without them.
+/// A field with few observations, based on the factor of the equations without observations.
 #[derive(Debug)]
 pub struct CovarianceSolver {
     factor: Arc<Factor>,
@@ -33,18 +33,18 @@ pub struct CovarianceSolver {
     columns: Mat<f64>,
     /// `L^-1 columns`, likewise, padded.
     white: Vec<f64>,
-    /// Of the observations, in the same order.
+    /// Weights of the observations, in the same order.
     weights: Vec<f64>,
     moments: Mat<f64>,
 }
 
-/// Columns that a task solves for.
+/// Columns solved per task.
 const TOGETHER: usize = 33;
 
 impl CovarianceSolver {
-    /// Adds observations to a field, which read it by `interpolation`, with `weights` above 0. `columns`, `[observations,
-    /// columns]` row by row, are combined to targets. `None` if values are not finite, a weight is not above 0, or there
-    /// is no observation.
+    /// Adds observations to a field at positions given by `interpolation`, with `weights` above 0. `columns`,
+    /// `[observations, columns]` row by row, are combined to targets. `None` if values are not finite, a weight is not above 0,
+    /// or there is no observation.
     ///
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
@@ -70,7 +70,7 @@ impl CovarianceSolver {
         for (i, column) in lower.chunks_exact_mut(size).enumerate() {
             column[i] += weights.get(i).map_or(1.0, |weight| weight.recip());
         }
-        // The columns as further rows of the matrix.
+        // The columns are appended as further rows of the matrix.
         let more = count.next_multiple_of(PAD);
         let mut white = vec![0.0; size * more];
         for (row, column) in white.chunks_exact_mut(more).zip(columns.col_iter()) {
@@ -117,7 +117,7 @@ impl CovarianceSolver {
         self.variances_of(&(0..n).collect::<Vec<_>>())
     }
 
-    /// The same at some of the observations.
+    /// The variance of the field at some of the observations, given the targets.
     pub fn variances_of(&self, which: &[usize]) -> Vec<f64> {
         let n = self.weights.len();
         let mut positions = vec![0; n];
@@ -129,7 +129,7 @@ impl CovarianceSolver {
         requested.sort_unstable();
         let lower = self.triangle();
         let variances: Vec<Vec<f64>> = requested.par_chunks(TOGETHER).gather(|requested| {
-            // The inverse is a lower triangle, too.
+            // The inverse is also a lower triangle.
             let first = requested[0].0;
             let mut inverse = Mat::<f64>::zeros(n - first, requested.len());
             for (j, (position, _)) in requested.iter().enumerate() {
@@ -264,7 +264,7 @@ impl CovarianceSolver {
         pull.col_as_slice(0).to_vec()
     }
 
-    /// `C^-1 t` where t takes a right-hand side's own field away, `-S K^-1 right`, from `L^-1 right`.
+    /// Returns `C^-1 t` for targets t that cancel the field of a right-hand side, `-S K^-1 right`, from `L^-1 right`.
     fn pull_against(&self, right: &[f64]) -> Vec<f64> {
         let products = self.border.products(&self.factor, right);
         let mut pull = Mat::from_fn(products.len(), 1, |i, _| -products[i]);
@@ -301,13 +301,13 @@ fn covariance(factor: &Factor, interpolation: &[InterpolationWeights]) -> Mat<f6
     })
 }
 
-/// A matrix of `n` rows without what pads it.
+/// Returns a matrix of `n` rows without its padding.
 fn triangle(values: &[f64], n: usize) -> MatRef<'_, f64> {
     let stride = n.next_multiple_of(PAD);
     MatRef::from_column_major_slice_with_stride(values, n, n, stride)
 }
 
-/// Some columns each.
+/// Divides a matrix into chunks of columns.
 fn column_chunks(matrix: MatMut<'_, f64>) -> Vec<MatMut<'_, f64>> {
     let mut chunks = Vec::new();
     let mut remaining = matrix;

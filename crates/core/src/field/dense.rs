@@ -1,7 +1,7 @@
-//! Dense matrices whose work is shared among threads: the equations of as many observations as there are.
+//! Dense matrices processed by several threads: the equations of all observations.
 //!
-//! They are stored column by column; of symmetric ones, the lower half counts. Rows and columns are worked on in
-//! strips, each of which is a task of its own.
+//! They are stored column by column; only the lower halves of symmetric matrices are read. Rows and columns are processed in
+//! strips, one task each.
 
 use super::strip::{STRIP, Strip};
 use lsdc_kernels::cholesky::{MatrixBlock, factorise, solve_rows, subtract_product};
@@ -48,7 +48,7 @@ pub(super) fn cholesky(
                 strips.gather(|start| part(own_extra, more, start))
             },
         );
-        // What is left of later columns, while those that are done are put back.
+        // The remaining later columns, while the finished ones are copied back.
         join(
             || {
                 let columns = later.par_chunks_mut(STRIP * size);
@@ -86,7 +86,7 @@ pub(super) fn cholesky(
     true
 }
 
-/// `matrix matrix'`, lower half, of a matrix of so many rows, a multiple of
+/// Returns the lower half of `matrix matrix'`, for a matrix with this number of rows, a multiple of
 /// [`PAD`](lsdc_kernels::cholesky::PAD).
 pub(super) fn squared(level: Level, matrix: &[f64], rows: usize) -> Vec<f64> {
     let depth = matrix.len() / rows.max(1);

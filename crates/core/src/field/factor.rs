@@ -10,14 +10,14 @@ use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A factor.
+/// A Cholesky factor.
 #[derive(Debug)]
 pub(super) struct Factor {
     pub(super) plan: Arc<Plan>,
     pub(super) level: Level,
-    /// Of all tiles, eight at a time.
+    /// Columns of all tiles, eight at a time.
     pub(super) tiles: Vec<F64x8>,
-    /// Of all separators.
+    /// Columns of all separators.
     pub(super) separators: Vec<f64>,
 }
 
@@ -28,13 +28,13 @@ struct Memory<T> {
     separators: Vec<f64>,
 }
 
-/// A pool of buffers for factors of any plan, because allocating them takes as much time as a good part of a factor.
+/// A pool of buffers for factors of any plan, because allocation takes a considerable part of the time of a factorisation.
 struct BufferPool<T>(Mutex<Vec<Memory<T>>>);
 
 static FACTORS: BufferPool<F64x8> = BufferPool(Mutex::new(Vec::new()));
 static UPDATES: BufferPool<f64> = BufferPool(Mutex::new(Vec::new()));
 
-/// Frees the buffers of update matrices, before other matrices of that size are needed.
+/// Frees the buffers of update matrices, before other matrices of this size are needed.
 pub(super) fn free_updates() {
     UPDATES.list().clear();
 }
@@ -50,7 +50,8 @@ impl<T: Copy> BufferPool<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A buffer of these lengths with any values, from the pool if it has one: the smallest that suffices, or the largest.
+    /// Returns a buffer of these lengths with arbitrary values, from the pool if it has one: the smallest sufficient one, or
+    /// the largest.
     fn take(&self, (tiles, zero): (usize, T), separators: usize) -> Memory<T> {
         let mut memory = {
             let mut list = self.list();
@@ -69,7 +70,7 @@ impl<T: Copy> BufferPool<T> {
     }
 
     fn give(&self, memory: Memory<T>) {
-        /// Buffers in the pool, and their largest size in bytes: larger ones are freed.
+        /// Number of buffers in the pool, and their largest size in bytes: larger ones are freed.
         const KEPT: usize = 4;
         const MOST_BYTES: usize = 1 << 27;
         let mut list = self.list();
@@ -79,7 +80,7 @@ impl<T: Copy> BufferPool<T> {
     }
 }
 
-/// Makes memory of any values as long as needed. What is too short is given back first.
+/// Resizes memory with arbitrary values. A buffer that is too short is freed before a new one is allocated.
 fn resize<T: Copy>(memory: &mut Vec<T>, length: usize, value: T) {
     if memory.capacity() < length {
         *memory = Vec::new();
@@ -164,7 +165,7 @@ type BatchWork<'a> = (
     &'a mut [f64],
 );
 
-/// Memory of a thread for one batch after the other.
+/// Memory of a thread, reused for successive batches.
 type Memories = (Vec<F64x8>, Vec<F64x8>, Vec<F64x8>);
 
 fn eliminate_tiles(
@@ -189,7 +190,7 @@ fn eliminate_tiles(
         entries.resize(symbolic.sources.len(), [0.0; 8]);
         workspace.resize(symbolic.workspace(), [0.0; 8]);
         eight.resize(symbolic.update(), [0.0; 8]);
-        // Lanes without a tile do as the last one does.
+        // Lanes without a tile repeat the last tile.
         let tile = |lane: usize| &plan.tiles[batch.tiles[lane.min(batch.tiles.len() - 1)]];
         let places: [usize; 8] = std::array::from_fn(|lane| {
             let tile = tile(lane);
@@ -225,7 +226,7 @@ struct SeparatorElimination<'a> {
 }
 
 impl SeparatorElimination<'_> {
-    /// Eliminates a separator and all below it; `factor` holds the columns of these from `base` on.
+    /// Eliminates a separator and all separators below it; their columns begin at `base` in `factor`.
     fn eliminate(
         &self,
         at: usize,
@@ -322,17 +323,17 @@ impl SeparatorElimination<'_> {
 
 /// The equations of a separator, lower half.
 struct Front<'a> {
-    /// Variables that are eliminated.
+    /// Number of eliminated variables.
     count: usize,
-    /// Their columns, `[rows, count]`.
+    /// Columns of the eliminated variables, `[rows, count]`.
     panel: &'a mut [f64],
     rows: usize,
-    /// The update matrix: those of the boundary, `[boundary, boundary]`.
+    /// The update matrix of the boundary, `[boundary, boundary]`.
     update: &'a mut [f64],
 }
 
 impl Front<'_> {
-    /// A column from a row on.
+    /// Returns a column, starting at a row.
     #[inline(always)]
     fn column(&mut self, column: usize, row: usize) -> &mut [f64] {
         let boundary = self.rows - self.count;
@@ -379,7 +380,7 @@ impl Front<'_> {
     }
 }
 
-/// Both results, at the same time if it pays.
+/// Returns both results; computed in parallel if `parallel` is set.
 pub(super) fn both<A: Send, B: Send>(
     parallel: bool,
     one: impl FnOnce() -> A + Send,

@@ -1,4 +1,4 @@
-//! The pixel grid that a field lies on.
+//! The pixel grid of a field.
 
 /// The affinities of neighbouring pixels, `[height * width]` each, none negative.
 #[derive(Clone, Copy, Debug)]
@@ -11,7 +11,7 @@ pub struct Grid<'a> {
     pub right: &'a [f64],
     /// Affinity of each pixel with the one below; the last row is not used.
     pub down: &'a [f64],
-    /// Strength of the pull of each pixel towards 0; 0 = none.
+    /// Regularisation of the diagonal, which draws each pixel towards 0; 0 = none.
     pub diagonal_regularisation: f64,
 }
 

@@ -1,7 +1,7 @@
-//! Selected inversion (Takahashi et al. 1973): the entries of the inverse at pixels that are joined, from a
-//! Cholesky factor, without the others.
+//! Selected inversion (Takahashi et al. 1973): computes only the entries of the inverse at neighbouring pixels, from a Cholesky
+//! factor.
 //!
-//! What is eliminated last is inverted first. With the columns `L_JJ` and `L_IJ` of a separator or a step with the
+//! Inversion proceeds in the reverse order of elimination. With the columns `L_JJ` and `L_IJ` of a separator or a step with the
 //! boundary I, and `X = L_IJ L_JJ^-1`, the inverse at its own variables J follows from that at I:
 //!
 //! > inverse_IJ = -inverse_II X,   inverse_JJ = L_JJ'^-1 L_JJ^-1 - X' inverse_IJ
@@ -17,7 +17,7 @@ use lsdc_kernels::cholesky::F64x8;
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 
-/// Rows and columns of a product that are summed at once.
+/// Number of rows and columns of a product that are summed at once.
 const SUMS: usize = 4;
 
 /// Parts of the inverse.
@@ -32,7 +32,7 @@ impl Factor {
     /// The inverse at every pixel and its neighbours.
     pub(super) fn inverse(&self) -> Stencil {
         let plan = &*self.plan;
-        // Rings and fronts are as large as the update matrices of a factor.
+        // Rings and fronts need as much memory as the update matrices of a factor.
         free_updates();
         let mut inverse = Stencil::zeros(plan.height, plan.width);
         let found = match plan.root {
@@ -113,7 +113,7 @@ impl Factor {
         found
     }
 
-    /// The inverse at the variables of a separator and its boundary, where it is `of_boundary`.
+    /// Returns the inverse at the variables of a separator and its boundary, given the inverse at the boundary.
     fn front(&self, separator: &Separator, of_boundary: MatRef<'_, f64>) -> Mat<f64> {
         let (count, boundary_count) = (separator.own.len(), separator.boundary.len());
         let columns =
@@ -168,7 +168,7 @@ fn product(target: MatMut<'_, f64>, left: MatRef<'_, f64>, right: MatRef<'_, f64
 }
 
 impl SymbolicFactor {
-    /// Values that a step and all below it need.
+    /// Returns the number of values needed by a step and all steps below it.
     fn fronts(&self, at: usize) -> usize {
         let step = &self.steps[at];
         let part =
@@ -217,7 +217,7 @@ impl SymbolicFactor {
 }
 
 impl PivotStep {
-    /// The number of variables that it eliminates and of its boundary.
+    /// Returns the number of its eliminated variables and of its boundary.
     fn front(&self) -> usize {
         self.count + self.boundary.len()
     }
@@ -286,7 +286,7 @@ impl PivotStep {
                 }
             }
         }
-        // Into the upper half, so that the columns of L_JJ^-1 that are still needed stay.
+        // Written to the upper half, to preserve the columns of L_JJ^-1 that are still needed.
         for j in 0..count {
             for i in j..count {
                 let mut sum = [0.0; 8];

@@ -33,12 +33,12 @@ pub use grid::Grid;
 pub use precision_solver::PrecisionSolver;
 pub use prior::{FieldPrior, LEAST_REGULARISATION};
 
-/// Frees the buffers that this process keeps for further fields of any size; the buffers of fields in use are kept when
-/// they are dropped.
+/// Frees the buffers cached by this process for further fields of any size. The buffers of fields in use return to the cache
+/// when they are dropped.
 pub(crate) fn release() {
     factor::free_memory();
     plan::free_plans();
 }
 
-/// With more observations [`CovarianceSolver`], whose cost grows with their square, is not the faster form.
+/// Largest number of observations for which [`CovarianceSolver`] is the faster form, because its cost grows with their square.
 pub const MOST: usize = 1000;

@@ -1,8 +1,8 @@
-//! The order in which the pixels of a grid are eliminated, and where every number goes: all that depends on the
-//! size of the grid, and on which pixels are joined, alone.
+//! The order of elimination of the pixels of a grid, and the layout of all values: everything that depends only on the size of
+//! the grid and on the connectivity of its pixels.
 //!
-//! Separators, lines one pixel wide, cut the grid into tiles. The tiles are eliminated first, then the separators between
-//! them, in the order of nested dissection (George 1973): a separator after the two parts that it separates, its children.
+//! Separators, lines one pixel wide, divide the grid into tiles. The tiles are eliminated first, then the separators between
+//! them, in the order of nested dissection (George 1973): each separator after the two parts that it separates, its children.
 
 use super::runs::{IndexRun, runs};
 use super::stencil::{Connectivity, MatrixEntry, padded};
@@ -12,10 +12,10 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// About the length of a tile's side: of 7 to 23 the fastest, by a little.
+/// Approximate side of a tile: the fastest of 7 to 23, by a small margin.
 const SIDE: usize = 15;
 
-/// Children of more tiles than this are eliminated in parallel.
+/// Number of tiles above which children are eliminated in parallel.
 pub(super) const FORK: usize = 8;
 
 /// A rectangle between separators.
@@ -23,7 +23,7 @@ pub(super) const FORK: usize = 8;
 pub(super) struct Tile {
     pub(super) left: usize,
     pub(super) top: usize,
-    /// Its place among eight in a batch.
+    /// Batch of the tile, and its lane among eight.
     pub(super) batch: usize,
     pub(super) lane: usize,
     /// Its rank in the order of elimination, among tiles and separators.
@@ -35,12 +35,12 @@ pub(super) struct Tile {
 pub(super) struct TileBatch {
     pub(super) symbolic: usize,
     pub(super) tiles: Vec<usize>,
-    /// Where it begins in the factors and the update matrices of all tiles.
+    /// Start in the factors and the update matrices of all tiles.
     pub(super) factor: usize,
     pub(super) update: usize,
 }
 
-/// What a separator separates.
+/// One of the two parts divided by a separator.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Child {
     Tile(usize),
@@ -50,64 +50,65 @@ pub(super) enum Child {
 /// The elimination of a separator.
 #[derive(Debug)]
 pub(super) struct Separator {
-    /// Its pixels.
+    /// Pixels of the separator.
     pub(super) own: Vec<u32>,
     /// The later pixels that depend on these, in the order of their elimination.
     pub(super) boundary: Vec<u32>,
     /// Rows of the factor: own, then boundary, padded.
     pub(super) rows: usize,
-    /// Where its columns begin in the factor of all separators.
+    /// Start of its columns in the factor of all separators.
     pub(super) start: usize,
-    /// Where its pixels begin among those of all separators.
+    /// Start of its pixels among those of all separators.
     pub(super) first: usize,
     pub(super) children: [Child; 2],
-    /// The row in the front of each variable of the children's boundaries, or `None` in a tile's ring where no pixel is.
+    /// The row in the front of each variable of the children's boundaries; `None` for positions in a tile's ring without a
+    /// pixel.
     pub(super) places: [Vec<Option<u32>>; 2],
-    /// The same, as runs.
+    /// These rows as runs.
     pub(super) runs: [Vec<IndexRun>; 2],
     /// Row, column, kind and place of each entry of the matrix.
     pub(super) entries: Vec<(u32, u32, MatrixEntry, u32)>,
     /// The workspace of the children.
     pub(super) workspace: usize,
-    /// Tiles in both children.
+    /// Number of tiles in both children.
     pub(super) tiles: usize,
     /// The turns of its children and its own.
     pub(super) turns: Range<u32>,
 }
 
 impl Separator {
-    /// Variables of the boundary, padded.
+    /// Returns the number of variables of the boundary, padded.
     pub(super) fn padded(&self) -> usize {
         self.rows - self.own.len()
     }
 
-    /// The length of its update matrix.
+    /// Returns the length of its update matrix.
     pub(super) fn square(&self) -> usize {
         self.padded() * self.padded()
     }
 }
 
-/// Where a pixel is eliminated: in a tile, at a place in its order, or in a separator.
+/// Location of a pixel in the elimination: in a tile, with its rank there, or in a separator.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum PixelLocation {
     Tile(u32, u32),
     Separator(u32, u32),
 }
 
-/// How many values there are.
+/// Numbers of values in each buffer.
 #[derive(Debug, Default)]
 pub(super) struct Lengths {
-    /// Of the factors of tiles, eight at a time.
+    /// Factors of tiles, eight at a time.
     pub(super) tiles: usize,
-    /// Of the update matrices of tiles.
+    /// Update matrices of tiles.
     pub(super) updates: usize,
-    /// Of the factors of separators.
+    /// Factors of separators.
     pub(super) separators: usize,
     /// Pixels of separators.
     pixels: usize,
 }
 
-/// The elimination of grids of a size.
+/// The elimination of grids of one size.
 #[derive(Debug)]
 pub(crate) struct Plan {
     pub(super) height: usize,
@@ -116,7 +117,7 @@ pub(crate) struct Plan {
     pub(super) symbolic_factors: Vec<SymbolicFactor>,
     pub(super) tiles: Vec<Tile>,
     pub(super) batches: Vec<TileBatch>,
-    /// Children come before their separator.
+    /// Separators; children precede their separator.
     pub(super) separators: Vec<Separator>,
     pub(super) locations: Vec<PixelLocation>,
     /// The whole grid.
@@ -124,10 +125,10 @@ pub(crate) struct Plan {
     pub(super) lengths: Lengths,
 }
 
-/// A span of tiles along an axis: where each begins, and its length.
+/// Spans of tiles along an axis: start and length of each.
 type Spans = Vec<[usize; 2]>;
 
-/// Cuts a length into spans of about `SIDE`, with one pixel between them.
+/// Divides a length into spans of about `SIDE`, with one pixel between them.
 fn spans(length: usize) -> Spans {
     let count = ((length + 1) as f64 / (SIDE + 1) as f64).round().max(1.0) as usize;
     let total = length + 1 - count;
@@ -141,7 +142,7 @@ fn spans(length: usize) -> Spans {
         .collect()
 }
 
-/// A plan while the grid is cut.
+/// A plan under construction.
 struct Dissection {
     plan: Plan,
     across: Spans,
@@ -164,7 +165,7 @@ pub(super) fn free_plans() {
 impl Plan {
     /// The plan of a size, made once for the last few sizes.
     pub(super) fn of(height: usize, width: usize, neighbours: Connectivity) -> Arc<Self> {
-        /// Plans in the cache.
+        /// Number of plans in the cache.
         const KEPT: usize = 4;
         let key = (height, width, neighbours);
         let same = |plan: &Arc<Self>| (plan.height, plan.width, plan.neighbours) == key;
@@ -296,7 +297,7 @@ impl Plan {
 }
 
 impl Dissection {
-    /// The pixels of some tiles and the separators between them: left, top, right, bottom.
+    /// Returns the bounds of some tiles and the separators between them: left, top, right, bottom.
     fn bounds(&self, i: &Range<usize>, j: &Range<usize>) -> [usize; 4] {
         let end = |[start, length]: [usize; 2]| start + length;
         let (first, last) = (self.across[i.start], self.across[i.end - 1]);
@@ -304,7 +305,7 @@ impl Dissection {
         [first[0], top[0], end(last), end(bottom)]
     }
 
-    /// Cuts some tiles apart by a separator.
+    /// Divides some tiles by a separator.
     fn dissect(&mut self, i: Range<usize>, j: Range<usize>) -> Child {
         let [left, top, right, bottom] = self.bounds(&i, &j);
         let tiles = i.len() * j.len();
@@ -338,7 +339,7 @@ impl Dissection {
                 PixelLocation::Separator(separator as u32, place as u32);
         }
         self.turn += 1;
-        // The pixels around the region; those of later separators only, once these are known.
+        // The pixels around the region; reduced to those of later separators when these are known.
         let (x, y) = (left as i64..right as i64, top as i64..bottom as i64);
         let sides = y.clone().flat_map(|v| [(x.start - 1, v), (x.end, v)]);
         let ends = x.clone().flat_map(|u| [(u, y.start - 1), (u, y.end)]);

@@ -1,11 +1,11 @@
-//! A field with its observations in the equations, for any number of these.
+//! A field with its observations in the equations, for any number of observations.
 //!
-//! With K the equations without observations, S the interpolation at these, A their weights and t their targets,
-//! the minimum of `y' K y + (S y - t)' A (S y - t)` is `y = H^-1 S' A t` with `H = K + S' A S`. An observation
-//! joins only pixels that are neighbours already, so that H has a factor like that of K.
+//! With K the equations without observations, S the interpolation at the observations, A their weights and t their targets, the
+//! minimum of `y' K y + (S y - t)' A (S y - t)` is `y = H^-1 S' A t` with `H = K + S' A S`. An observation only couples pixels
+//! that are already neighbours, so H has a factor like that of K.
 //!
-//! A lumped observation is one of each pixel that it is interpolated from, weighted by the shares s:
-//! `sum over q of a s_q (y_q - t)^2` in place of `a (s . y - t)^2`, as masses are lumped in finite elements. If all
+//! A lumped observation is treated as one observation of each pixel from which it is interpolated, weighted by the shares s:
+//! `sum over q of a s_q (y_q - t)^2` instead of `a (s . y - t)^2`, as masses are lumped in finite elements. If all observations
 //! are lumped, every pixel of y is a weighted mean of targets (H is an M-matrix, whose inverse is not negative).
 
 use super::factor::Factor;
@@ -24,14 +24,13 @@ pub struct PrecisionSolver {
     factor: Factor,
     interpolation: Vec<InterpolationWeights>,
     weights: Vec<f64>,
-    /// The inverse of the equations at pixels that are joined, computed on first use.
+    /// The inverse of the equations at neighbouring pixels, computed on first use.
     inverse: OnceLock<Box<Stencil>>,
 }
 
 impl PrecisionSolver {
-    /// Factorises the equations with observations of these `weights`, each above 0, at positions that `interpolation`
-    /// interpolate. `None` if there is no observation, or if the equations are not positive definite in floating
-    /// point.
+    /// Factorises the equations with observations of these `weights`, each above 0, at positions given by `interpolation`.
+    /// `None` if there is no observation, or if the equations are not positive definite in floating point.
     ///
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
@@ -43,7 +42,7 @@ impl PrecisionSolver {
         Self::with_lumped(grid, interpolation, weights, |_| false)
     }
 
-    /// The same, where the observations for whose index `lumped` is true are lumped.
+    /// Like [`Self::new`]; observations for whose index `lumped` is true are lumped.
     ///
     /// # Panics
     /// As for [`Self::new`].
@@ -147,7 +146,7 @@ impl PrecisionSolver {
     /// # Panics
     /// If lengths do not match.
     pub fn moments(&self, columns: &[f64], count: usize) -> Mat<f64> {
-        /// Columns side by side.
+        /// Number of columns processed together.
         const B: usize = 4;
         let n = self.interpolation.len();
         let columns = MatRef::from_row_major_slice(columns, n, count);
@@ -185,7 +184,7 @@ impl PrecisionSolver {
             .collect()
     }
 
-    /// The variance of the field where it is read from these pixels, given the targets.
+    /// The variance of the field at the position given by `interpolation`, given the targets.
     pub fn variance(&self, interpolation: &InterpolationWeights) -> f64 {
         self.inverse().at(interpolation)
     }

@@ -15,8 +15,8 @@ pub struct FieldPrior(pub(super) Arc<Factor>);
 
 impl FieldPrior {
     /// Factorises the equations. `None` if values are not finite, or `diagonal_regularisation` is below
-    /// [`LEAST_REGULARISATION`]: the field is then free by a constant until it is observed, whose variance drowns all
-    /// others in rounding.
+    /// [`LEAST_REGULARISATION`]: the field is then undetermined up to a constant without observations, and the variance of this
+    /// constant would drown all others in rounding errors.
     ///
     /// # Panics
     /// If lengths do not match.
@@ -29,7 +29,7 @@ impl FieldPrior {
         }
         let plan = Plan::of(grid.height, grid.width, Connectivity::Four);
         let factor = Factor::new(plan, &Stencil::new(grid));
-        // An image is factorised once; what follows needs as much memory, for covariances.
+        // An image is factorised once; the covariances that follow need as much memory.
         free_updates();
         factor.map(|factor| Self(Arc::new(factor)))
     }

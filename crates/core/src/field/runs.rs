@@ -1,19 +1,18 @@
-//! The rows of a child's boundary in the front of its separator, by runs, so that blocks of equations are
-//! added as slices.
+//! Runs of rows of a child's boundary in the front of its separator, so that blocks of equations are added as slices.
 
 use std::ops::Range;
 
-/// Consecutive variables of a child that are consecutive in the front of its separator, too.
+/// Consecutive variables of a child that are also consecutive in the front of its separator.
 #[derive(Clone, Debug)]
 pub(super) struct IndexRun {
-    /// Among those of the child's boundary.
+    /// Range of the variables in the child's boundary.
     pub(super) from: Range<usize>,
     /// The row of the first in the front of the separator.
     pub(super) to: usize,
 }
 
-/// The runs of rows, if any, of consecutive variables. None holds both some of the first `count` rows, which the
-/// front eliminates, and later ones.
+/// Returns the runs of consecutive variables among rows, which may be missing. No run contains both some of the first `count`
+/// rows, which the front eliminates, and later ones.
 pub(super) fn runs(rows: impl Iterator<Item = Option<u32>>, count: usize) -> Vec<IndexRun> {
     let mut runs: Vec<IndexRun> = Vec::new();
     for (from, row) in rows.enumerate() {

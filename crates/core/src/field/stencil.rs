@@ -1,20 +1,20 @@
-//! A symmetric matrix that joins the pixels of a grid to their neighbours: the equations of a field.
+//! A symmetric matrix with entries between neighbouring pixels of a grid: the equations of a field.
 
 use super::grid::Grid;
 use crate::bilinear::InterpolationWeights;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
-/// The neighbours that a pixel is joined to.
+/// The neighbours of a pixel with non-zero entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Connectivity {
-    /// Those that share a side, as in the equations without observations.
+    /// Neighbours that share a side, as in the equations without observations.
     Four,
-    /// Those that share a side or a corner, as observations between pixels join them.
+    /// Neighbours that share a side or a corner, as required by observations between pixels.
     Eight,
 }
 
-/// Which entry of the matrix: of a pixel with itself, or with a later neighbour.
+/// Kind of an entry of the matrix: of a pixel with itself, or with a later neighbour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MatrixEntry {
     Own,
@@ -24,8 +24,7 @@ pub(super) enum MatrixEntry {
     DownLeft,
 }
 
-/// The entries of a matrix. Those of each kind are a map with a border of zeros, so that what lies outside
-/// needs no test.
+/// The entries of a matrix. Each kind is stored as a map with a border of zeros, so that no bounds are tested.
 #[derive(Clone, Debug)]
 pub(super) struct Stencil {
     width: usize,
@@ -81,8 +80,8 @@ impl Stencil {
         }
     }
 
-    /// Adds `weight` times the interpolation weights s to their pixels: the lumped form of the above, in which the
-    /// observation is one of each of these pixels, by its share.
+    /// Adds `weight` times the interpolation weights s to the diagonal entries of their pixels: the lumped form of
+    /// [`Self::observe`], which treats the observation as one of each of these pixels, weighted by its share.
     pub(super) fn observe_lumped(&mut self, interpolation: &InterpolationWeights, weight: f64) {
         for (pixel, share) in interpolation.iter() {
             let (entry, place) = self.pair(pixel, pixel);
@@ -125,12 +124,12 @@ impl Stencil {
         rows.flat_map(|row| &row[1..=self.width]).copied().collect()
     }
 
-    /// Where a pixel is in each map.
+    /// Returns the index of a pixel in each map.
     pub(super) fn place(&self, x: usize, y: usize) -> usize {
         padded(self.width, x, y)
     }
 
-    /// From a pixel to another in each map.
+    /// Returns the offset between pixels in each map.
     pub(super) fn offset(&self, x: i32, y: i32) -> isize {
         y as isize * (self.width + 2) as isize + x as isize
     }
@@ -148,19 +147,19 @@ impl Stencil {
     }
 }
 
-/// Writes the rows of a map but for its border.
+/// Writes the rows of a map without its border.
 fn rows(map: &mut [f64], stride: usize, height: usize, write: impl Fn(usize, &mut [f64]) + Sync) {
     let rows = map[stride..].par_chunks_exact_mut(stride);
     let rows = rows.take(height).enumerate();
     rows.each(|(y, row)| write(y, row));
 }
 
-/// Where a pixel is in a map with a border of a grid of some width.
+/// Returns the index of a pixel in a map with a border, for a grid of this width.
 pub(super) fn padded(width: usize, x: usize, y: usize) -> usize {
     (y + 1) * (width + 2) + x + 1
 }
 
-/// A neighbour of a pixel: its offset, which entry joins them, and the offset of the pixel that holds it.
+/// A neighbour of a pixel: its offset, the kind of the entry between them, and the offset of the pixel that stores it.
 pub(super) type Neighbour = ([i32; 2], MatrixEntry, [i32; 2]);
 
 impl Connectivity {

@@ -1,15 +1,15 @@
-//! Strips of rows of a matrix with a row for each observation: each is a task of its own.
+//! Strips of rows of a matrix with a row for each observation; each strip is processed by its own task.
 
 use lsdc_kernels::cholesky::{MatrixBlock, PAD};
 use std::ops::Range;
 
-/// Observations of a strip.
+/// Number of observations of a strip.
 pub(super) const STRIP: usize = 64;
 
 /// The rows of a matrix of some consecutive observations.
 #[derive(Debug)]
 pub(super) struct Strip {
-    /// The position of the first, a multiple of [`PAD`].
+    /// Position of the first observation, a multiple of [`PAD`].
     pub(super) first: usize,
     pub(super) rows: usize,
     /// `[rows, columns]`, column by column.
@@ -61,14 +61,14 @@ impl Strip {
             .collect()
     }
 
-    /// A column of it into one of the matrix.
+    /// Copies a column of the strip into one of the matrix.
     pub(super) fn put_back(&self, j: usize, column: &mut [f64]) {
         column[self.first..][..self.rows]
             .copy_from_slice(&self.values[j * self.rows..][..self.rows]);
     }
 }
 
-/// Summed in lanes, which vector units can do.
+/// Returns the dot product, summed in lanes for vector units.
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (whole, others) = (a.as_chunks::<8>(), b.as_chunks::<8>());
     let mut lanes = [0.0; 8];

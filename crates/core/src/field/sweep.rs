@@ -1,4 +1,4 @@
-//! Forward and backward substitution, for one column or a few side by side.
+//! Forward and backward substitution, for one column or a few columns at once.
 
 use super::factor::{Factor, both};
 use super::plan::{Child, FORK, Separator};
@@ -14,7 +14,7 @@ pub(super) type Row<const B: usize> = [f64; B];
 pub(super) type Rows<const B: usize> = [Row<B>; 8];
 
 impl Factor {
-    /// `L^-1 values`, in place: each value of the result stands at the pixel that its column eliminates.
+    /// Computes `L^-1 values` in place: each value of the result is stored at the pixel that its column eliminates.
     pub(super) fn forward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
         let swept: Vec<Vec<Rows<B>>> = plan.batches.par_iter().gather(|batch| {
@@ -35,7 +35,7 @@ impl Factor {
         }
     }
 
-    /// `L'^-1 values`, in place.
+    /// Computes `L'^-1 values` in place.
     pub(super) fn backward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
         if let Child::Separator(root) = plan.root {
@@ -63,7 +63,7 @@ impl Factor {
         self.scatter(&swept, values);
     }
 
-    /// The values of the pixels of up to eight tiles, followed by zeros for their rings.
+    /// Returns the values of the pixels of up to eight tiles, followed by zeros for their rings.
     fn gathered<const B: usize>(
         &self,
         tiles: &[usize],
@@ -115,8 +115,8 @@ impl Factor {
         }
     }
 
-    /// Substitutes forward up to a separator, and returns the update of its boundary. `packed`
-    /// holds the values of its separators from `base` on.
+    /// Substitutes forward up to a separator, and returns the update of its boundary. `packed` holds the values of its
+    /// separators, starting at `base`.
     fn forward_through_tree<const B: usize>(
         &self,
         at: usize,
@@ -228,7 +228,7 @@ impl Factor {
     }
 }
 
-/// The values of the boundary of a child, from those of the front.
+/// Returns the values of the boundary of a child, from those of the front.
 fn boundary<const B: usize>(separator: &Separator, child: usize, values: &[Row<B>]) -> Vec<Row<B>> {
     let places = separator.places[child].iter();
     places
@@ -244,7 +244,7 @@ impl SymbolicFactor {
             for j in 0..step.count {
                 let column = step.column(factor, j);
                 let mut value = x[step.first + j];
-                // As of most pixels, for points that are few.
+                // True for most pixels if there are few points.
                 if value == [[0.0; B]; 8] {
                     continue;
                 }
@@ -305,7 +305,7 @@ fn subtract<const B: usize>(value: &mut Rows<B>, factor: &F64x8, other: &Rows<B>
     }
 }
 
-/// `factors' rows`, summed in lanes, which vector units can do.
+/// Computes `factors' rows`, with sums in lanes for vector units.
 #[inline(always)]
 fn products<const B: usize>(factors: &[f64], rows: &[Row<B>]) -> Row<B> {
     let mut lanes = [[0.0; B]; 8];

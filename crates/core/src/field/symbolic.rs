@@ -1,15 +1,15 @@
-//! The elimination of a tile: a small rectangle of pixels whose shape alone decides every step, so that eight
-//! tiles of a shape are eliminated at once, one in each lane of a vector.
+//! The elimination of a tile: a small rectangle of pixels whose shape determines every step, so that eight tiles of one shape
+//! are eliminated at once, one in each lane of a vector.
 //!
-//! Within a tile the order is that of nested dissection again. Its pixels are numbered in the order of
-//! elimination, and those around it, its ring, after them.
+//! Within a tile the order is again nested dissection. Its pixels are numbered in the order of elimination, followed by the
+//! pixels around it, its ring.
 
 use super::runs::{IndexRun, runs};
 use super::stencil::{Connectivity, MatrixEntry};
 use lsdc_kernels::cholesky::{F64x8, factorise_eight};
 use lsdc_kernels::simd::Level;
 
-/// Regions of at most this many pixels are not cut further.
+/// Largest number of pixels of a region that is not divided further.
 const LEAF: usize = 9;
 
 /// Boundaries are padded to multiples of this.
@@ -18,15 +18,15 @@ const PAD: usize = 4;
 /// The elimination of a separator or leaf of a tile.
 #[derive(Debug)]
 pub(super) struct PivotStep {
-    /// The first variable that it eliminates.
+    /// The first variable eliminated by this step.
     pub(super) first: usize,
-    /// How many it eliminates.
+    /// Number of eliminated variables.
     pub(super) count: usize,
-    /// Later variables that these depend on, in order.
+    /// Later variables that depend on the eliminated ones, in order.
     pub(super) boundary: Vec<u32>,
-    /// Rows of the factor: those eliminated, then `boundary`, padded.
+    /// Rows of the factor: the eliminated variables, then `boundary`, padded.
     pub(super) rows: usize,
-    /// Where its columns begin in the factor of the tile.
+    /// Start of its columns in the factor of the tile.
     pub(super) start: usize,
     /// The steps of the children, and the rows of their boundaries in the front.
     pub(super) children: Vec<(usize, Vec<IndexRun>)>,
@@ -41,13 +41,13 @@ impl PivotStep {
         self.rows - self.count
     }
 
-    /// The length of its update matrix.
+    /// Returns the length of its update matrix.
     fn square(&self) -> usize {
         self.padded() * self.padded()
     }
 }
 
-/// An entry of the matrix that a tile reads: its kind, and the offset of its pixel from the tile's first.
+/// An entry of the matrix read by a tile: its kind, and the offset of its pixel from the tile's first pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EntrySource {
     pub(super) entry: MatrixEntry,
@@ -55,16 +55,16 @@ pub(super) struct EntrySource {
     pub(super) y: i32,
 }
 
-/// How tiles of a shape are eliminated.
+/// The elimination of tiles of one shape.
 #[derive(Debug)]
 pub(super) struct SymbolicFactor {
-    /// The pixels of the tile in the order of elimination, (x, y) from its first.
+    /// The pixels of the tile in the order of elimination, as (x, y) from its first pixel.
     pub(super) order: Vec<(usize, usize)>,
     /// The offsets of the pixels of the ring.
     pub(super) ring: Vec<(i32, i32)>,
     pub(super) steps: Vec<PivotStep>,
     pub(super) sources: Vec<EntrySource>,
-    /// Values of the factor.
+    /// Number of values of the factor.
     pub(super) length: usize,
 }
 
@@ -78,7 +78,7 @@ struct Rectangle {
 }
 
 impl Rectangle {
-    /// Two parts, and the line of pixels between them, unless it is a leaf.
+    /// Returns two parts and the line of pixels between them; `None` for a leaf.
     fn dissect(self) -> Option<([Self; 2], Self)> {
         let length = self.width.max(self.height);
         if self.width * self.height <= LEAF || length < 3 {
@@ -228,12 +228,12 @@ impl SymbolicFactor {
         &self.steps[self.steps.len() - 1]
     }
 
-    /// Values of the update matrix, `[padded ring, padded ring]`.
+    /// Returns the number of values of the update matrix, `[padded ring, padded ring]`.
     pub(super) fn update(&self) -> usize {
         self.last().square()
     }
 
-    /// The update matrices of eight tiles one after the other, `[ring, ring]` each, of which lower halves are set.
+    /// Extracts the update matrices of eight tiles, `[ring, ring]` each; only lower halves are set.
     #[inline(always)]
     pub(super) fn part(&self, update: &[F64x8], parts: &mut [f64]) {
         let (ring, stride) = (self.ring.len(), self.last().padded());
@@ -252,7 +252,8 @@ impl SymbolicFactor {
         self.last().workspace
     }
 
-    /// Eliminates a step, normally the last, and all below it of eight tiles, whose entries are in the order of the sources.
+    /// Eliminates a step, normally the last, and all steps below it for eight tiles, whose entries are in the order of the
+    /// sources.
     pub(super) fn eliminate(
         &self,
         step: &PivotStep,

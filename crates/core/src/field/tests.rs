@@ -21,7 +21,7 @@ impl Example {
     fn new(height: usize, width: usize, points: usize) -> Self {
         let mut rng = Rng::stream(height as u64, &["field"]);
         let mut draw = |n: usize| (0..n).map(|_| f64::from(rng.unit())).collect::<Vec<_>>();
-        // From 1e-4 to 1, as edges of images are.
+        // From 1e-4 to 1, as at edges of images.
         let strengths = |unit: Vec<f64>| unit.into_iter().map(|v| 10f64.powf(-4.0 * v)).collect();
         let right = strengths(draw(height * width));
         let down = strengths(draw(height * width));
@@ -140,8 +140,8 @@ impl Example {
     }
 }
 
-/// From few points, which all stay to the end, to more than any region keeps, and a grid of one row;
-/// on pixels and between them.
+/// From few points, which all remain until the end, to more than any region keeps, and a grid of one row; on pixels and between
+/// them.
 fn examples() -> [Example; 10] {
     [
         Example::new(23, 31, 1).between(1),
@@ -157,8 +157,8 @@ fn examples() -> [Example; 10] {
     ]
 }
 
-/// Lumped, every other observation is one of each of its pixels; if all are, and nothing pulls the field to 0, it is nowhere
-/// outside the range of the targets.
+/// With lumping, every other observation is one observation of each of its pixels. If all are lumped, and there is no
+/// regularisation, the field is nowhere outside the range of the targets.
 #[test]
 fn lumped_observations_are_those_of_their_pixels() {
     for example in examples() {
@@ -268,7 +268,7 @@ fn large_examples() -> [Example; 8] {
     })
 }
 
-/// How far lists are apart, relative to the largest value if that is above 1.
+/// Returns the largest difference between lists, relative to the largest value if that is above 1.
 fn difference(found: &[f64], expected: impl Iterator<Item = f64>) -> f64 {
     let pairs = found.iter().zip(expected);
     let worst = |(off, most): (f64, f64), (found, expected): (&f64, f64)| {

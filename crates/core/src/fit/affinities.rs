@@ -22,7 +22,7 @@ struct Inner {
     down: Vec<f64>,
     /// The last requested field of these affinities before any observation, with its regularisation.
     prior: Mutex<Option<(f64, Option<FieldPrior>)>>,
-    /// Those of blocks of pixels.
+    /// Affinities of blocks of pixels.
     blocks: OnceLock<Affinities>,
 }
 
@@ -65,7 +65,7 @@ impl Affinities {
         }))
     }
 
-    /// The same, each times a share `[height, width, 2]`, ordered as in [`Self::new`].
+    /// Returns the affinities multiplied by shares `[height, width, 2]`, ordered as in [`Self::new`].
     pub(crate) fn scaled_by(&self, shares: &[f64]) -> Self {
         let times = |values: &[f64], first: usize| {
             let some = shares.iter().skip(first).step_by(2);
@@ -90,20 +90,20 @@ impl Affinities {
         }
     }
 
-    /// The field before any observation, factorised on first use and again for another regularisation than the last;
-    /// `None` without one.
+    /// The field before any observation; `None` without regularisation. It is factorised on first use, and again if the
+    /// regularisation changes.
     pub fn prior(&self, regularisation: f64) -> Option<FieldPrior> {
         let cached = self.cached_prior().clone();
         if let Some((_, prior)) = cached.filter(|(of, _)| *of == regularisation) {
             return prior;
         }
-        // Not under the lock: a thread that waits there may steal a task that needs the same field.
+        // Computed without the lock: a thread that waits for it may steal a task that needs the same field.
         let found = FieldPrior::new(&self.grid(regularisation));
         *self.cached_prior() = Some((regularisation, found.clone()));
         found
     }
 
-    /// Frees this field, which is factorised again on the next use.
+    /// Frees this field; it is factorised again on the next use.
     pub(super) fn drop_prior(&self) {
         *self.cached_prior() = None;
     }
@@ -114,7 +114,7 @@ impl Affinities {
 
     /// The blocks of pixels of a rough field.
     pub(crate) fn blocks(&self) -> Blocks {
-        /// Of 304x228 pixels, one in four.
+        /// At 304x228, about one block per four pixels.
         const BLOCKS: usize = 20_000;
         Blocks::new(self.size(), BLOCKS)
     }
@@ -132,7 +132,7 @@ impl Affinities {
 
     /// The mean logarithm of the affinities of each pixel with its right and its lower neighbour.
     pub(crate) fn logarithms(&self) -> Vec<f64> {
-        /// Affinities of 0 cut neighbours apart.
+        /// Affinities of 0 separate neighbours.
         const LEAST: f64 = 1e-9;
         let pairs = self.0.right.par_iter().zip(&self.0.down);
         pairs
@@ -150,17 +150,16 @@ impl Affinities {
     }
 }
 
-/// The affinities of the image that the points lie in, and the height and width in whose pixels their
-/// positions are given.
+/// The affinities of the image of the points, and the height and width of the image in which their positions are given.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldGeometry<'a> {
     /// Affinities of the image, at any resolution.
     pub affinities: &'a Affinities,
     /// Height and width of the image that the points lie in.
     pub size: (usize, usize),
-    /// How positions are read, if not bilinearly.
+    /// How positions are interpolated, if not bilinearly.
     pub upsampling: Option<&'a Upsampling>,
-    /// Whether no other fit to the image follows, so that nothing need be kept for it.
+    /// Whether no other fit to the image follows, so that data for further fits may be freed.
     pub transient: bool,
 }
 
@@ -174,7 +173,7 @@ impl FieldGeometry<'_> {
         ]
     }
 
-    /// The pixels of the field that a position (u, v) of the image is read from.
+    /// Returns the interpolation weights of a position (u, v) of the image in the field.
     pub(super) fn interpolation(&self, place: [f64; 2]) -> InterpolationWeights {
         match self.upsampling {
             Some(upsampling) => upsampling.interpolation(place, self.size),
@@ -210,7 +209,7 @@ impl SmoothField {
         (self.height, self.width)
     }
 
-    /// The value of the field where it is read from these pixels.
+    /// The value of the field at the position given by `interpolation`.
     pub fn read(&self, interpolation: &InterpolationWeights) -> f64 {
         let value = |(pixel, share): (u32, f64)| share * f64::from(self.values[pixel as usize]);
         interpolation.iter().map(value).sum()

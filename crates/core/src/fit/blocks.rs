@@ -1,11 +1,11 @@
-//! Square blocks of pixels, for what a field needs not be solved at every pixel for.
+//! Square blocks of pixels, for quantities of a field that are not needed at every pixel.
 
 use crate::bilinear::InterpolationWeights;
 use crate::field::Grid;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A map cut into square blocks; those on the right and at the bottom may be smaller.
+/// A map divided into square blocks; those on the right and at the bottom may be smaller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Blocks {
     /// Height and width of the map.
@@ -14,14 +14,14 @@ pub(crate) struct Blocks {
 }
 
 impl Blocks {
-    /// As small as they can be for a map of some height and width to have about `most` of them.
+    /// Chooses the smallest blocks with which a map of this height and width has about `most` blocks.
     pub(crate) fn new(size: (usize, usize), most: usize) -> Self {
         let pixels = (size.0 * size.1) as f64;
         let side = (pixels / most as f64).sqrt().ceil().max(1.0) as usize;
         Self { size, side }
     }
 
-    /// How many lie above each other, and side by side.
+    /// Returns the numbers of rows and columns of blocks.
     pub(crate) fn counts(self) -> (usize, usize) {
         let along = |length: usize| length.div_ceil(self.side);
         (along(self.size.0), along(self.size.1))
@@ -66,9 +66,9 @@ impl Blocks {
         folded.collect()
     }
 
-    /// The affinities of blocks, with which a field of blocks varies as one of pixels does: affinities conduct. Those
-    /// along a row of pixels, from the middle of one block to that of the next, are in series, and rows are
-    /// parallel. Returns those with the right neighbour, and with the one below.
+    /// Returns the affinities of blocks for which a field of blocks varies like a field of pixels, by the analogy of
+    /// conductors: affinities along a row of pixels, from the middle of one block to that of the next, are in series, and rows
+    /// are parallel. The first are those with the right neighbour, the second those with the one below.
     pub(super) fn affinities(self, grid: &Grid<'_>) -> (Vec<f64>, Vec<f64>) {
         let (height, width) = self.size;
         let columns = self.counts().1;

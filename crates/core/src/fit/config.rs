@@ -66,7 +66,7 @@ impl FitMethod {
     }
 }
 
-/// How the weights of the basis functions are found; the defaults are the paper's.
+/// The estimation of the weights of the basis functions; the defaults are the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitConfig {
@@ -86,7 +86,7 @@ pub struct FitConfig {
     /// The strength of the prior: "evidence", "gcv", a fixed ratio of noise variance to prior variance, or
     /// three pairs of a number of points and such a ratio.
     pub lambda: Lambda,
-    /// Nothing. Files of versions until 0.2.0 name what is fitted here.
+    /// Unused. Files of versions up to 0.2.0 name the fitted quantity here.
     #[doc(hidden)]
     #[serde(skip_serializing, deserialize_with = "depth_alone")]
     pub space: (),
@@ -110,7 +110,7 @@ impl Default for FitConfig {
     }
 }
 
-/// Settings that take the place of those stored with the weights, as far as they are given.
+/// Settings that replace those stored with the weights, if given.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Changes {
@@ -250,7 +250,7 @@ impl Display for FitConfig {
     }
 }
 
-/// Accepts what files of versions until 0.2.0 name as the fitted quantity, if it is depth.
+/// Accepts the fitted quantity that files of versions up to 0.2.0 name, if it is depth.
 fn depth_alone<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
     let space = String::deserialize(deserializer)?;
     if space == "depth" {

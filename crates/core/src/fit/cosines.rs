@@ -15,7 +15,7 @@ pub struct CosineBasis {
 /// Half-waves across and down at frequency 1.
 const ACROSS: f64 = 4.0;
 const DOWN: f64 = 3.0;
-/// Positions that a task evaluates at least.
+/// Least number of positions per task.
 const TOGETHER: usize = 64;
 
 impl CosineBasis {
@@ -39,7 +39,7 @@ impl CosineBasis {
         self.pairs.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no functions.
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
@@ -85,7 +85,7 @@ impl CosineBasis {
         values
     }
 
-    /// Adds functions x weights at every pixel.
+    /// Adds the weighted sum of the functions at every pixel.
     pub fn add_to(&self, (height, width): (usize, usize), weights: &[f64], values: &mut [f32]) {
         if self.is_empty() {
             return;

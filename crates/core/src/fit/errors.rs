@@ -1,9 +1,9 @@
-//! How the errors of completed depth are distributed, given what is known of each pixel.
+//! The distribution of the errors of completed depth, given features of each pixel.
 //!
-//! The error of a pixel divided by its scale follows Student's t distribution: errors are small at most pixels and
-//! large at a few, where an edge was missed. The logarithm of the scale is a sum of [features](PixelFeatures) of the pixel,
-//! each multiplied by an exponent. The posterior variance of the fit, which supposes that depth steps are normal
-//! and affinities right, is a feature, not the answer.
+//! The error of a pixel divided by its scale follows Student's t distribution: errors are small at most pixels and large at a
+//! few, at missed edges. The logarithm of the scale is a sum of [features](PixelFeatures) of the pixel, each multiplied by an
+//! exponent. The posterior variance of the fit, which assumes normal depth steps and correct affinities, is only one of the
+//! features.
 
 use super::student_t;
 use crate::error::WeightsError;
@@ -11,15 +11,15 @@ use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use serde::{Deserialize, Serialize};
 
-/// The number of features of a pixel.
+/// Number of features of a pixel.
 pub const PIXEL_FEATURES: usize = 9;
 
-/// What is known of a pixel, all as logarithms of ratios, so that scaling all depths changes none:
+/// Features of a pixel, all logarithms of ratios, so that scaling all depths does not change them:
 ///
 /// - the constant 1;
 /// - the deviation of the field's steps, over the mean depth of the points;
-/// - the posterior deviation of the field alone, in units of those steps;
-/// - that of the basis functions;
+/// - the posterior deviation of the field alone, in units of the deviation of these steps;
+/// - the posterior deviation of the basis functions;
 /// - the noise around the block, over that of the image, by leave-one-out errors;
 /// - the range of the completed depth in the block and those around it, over the mean depth;
 /// - the completed depth, over the mean depth;
@@ -27,11 +27,11 @@ pub const PIXEL_FEATURES: usize = 9;
 /// - the distance to the nearest point, over the mean distance between points.
 pub type PixelFeatures = [f32; PIXEL_FEATURES];
 
-/// The number of points at which the distribution is calibrated.
+/// Number of point counts for which the distribution is calibrated.
 pub const CALIBRATION_NODES: usize = 4;
 
-/// The distribution of errors for each of some numbers of points, ascending. In between, exponents and the
-/// logarithm of the freedom are interpolated in the logarithm of the number.
+/// The distribution of errors for several numbers of points, in ascending order. In between, exponents and the logarithm of the
+/// degrees of freedom are interpolated in the logarithm of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ErrorModel(pub [CalibrationNode; CALIBRATION_NODES]);
@@ -48,14 +48,14 @@ pub struct CalibrationNode {
     pub exponents: [f64; PIXEL_FEATURES],
 }
 
-/// An error, in units of the mean depth, and what was known of its pixel.
+/// An error, in units of the mean depth, and the features of its pixel.
 pub type ErrorSample = (PixelFeatures, f32);
 
 impl ErrorModel {
     /// Checks every number.
     ///
     /// # Errors
-    /// Numbers that are not finite, no freedom, or numbers of points that do not rise.
+    /// Numbers that are not finite, degrees of freedom that are not positive, or numbers of points that do not increase.
     pub fn check(&self) -> Result<(), WeightsError> {
         let sound = |node: &CalibrationNode| {
             (CalibrationNode::LEAST..=CalibrationNode::MOST).contains(&node.freedom)
@@ -99,7 +99,7 @@ impl ErrorModel {
 }
 
 impl CalibrationNode {
-    /// The range of the freedom: below, not even a mean exists; above, errors are normal.
+    /// The range of the degrees of freedom: below it, the distribution has no mean; above it, errors are nearly normal.
     const LEAST: f64 = 1.0;
     const MOST: f64 = 200.0;
 
@@ -115,12 +115,13 @@ impl CalibrationNode {
             .sum()
     }
 
-    /// The distribution under which `samples` are most likely: exponents by Fisher scoring, in which the
-    /// information on a logarithm of a scale is 2 freedom / (freedom + 3), and the freedom by golden section.
-    /// `None` for too few samples.
+    /// Learns the maximum-likelihood distribution of `samples`: exponents by Fisher scoring, with the information 2 freedom /
+    /// (freedom + 3) on the logarithm of a scale, and the degrees of freedom by golden section. `None` if there are too few
+    /// samples.
     pub fn learn(points: f64, samples: &[ErrorSample]) -> Option<Self> {
         const ROUNDS: usize = 40;
-        /// Relative to the number of samples, so that a feature that never varies has no exponent.
+        /// Ridge relative to the number of samples, which draws the exponents of features that never vary to 0. The constant 1
+        /// is not shrunk.
         const RIDGE: f64 = 1e-4;
         let mut normal = Mat::<f64>::zeros(PIXEL_FEATURES, PIXEL_FEATURES);
         for (features, _) in samples {

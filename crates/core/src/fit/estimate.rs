@@ -15,7 +15,7 @@ pub(super) struct Estimate {
     pub(super) noise: f64,
     /// The strength of the prior.
     pub(super) lambda: Option<f64>,
-    /// The field that basis functions x weights are added to.
+    /// The field that is added to the weighted basis functions.
     pub(super) field: Option<Arc<FieldFit>>,
 }
 

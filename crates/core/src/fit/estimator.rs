@@ -1,4 +1,4 @@
-//! How weights are found: alone, with a prior, or with a field.
+//! Estimators of the weights: plain, with a prior, or with a field.
 
 use super::estimate::Estimate;
 use super::joint::FieldEstimator;
@@ -8,7 +8,7 @@ use super::points::FitRows;
 use super::prior::Prior;
 use crate::error::Result;
 
-/// How the weights of the basis functions are found for points with given weights.
+/// The estimator of the weights of the basis functions, for points with given weights.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Estimator<'a> {
     Plain(Solver),
@@ -17,7 +17,7 @@ pub(super) enum Estimator<'a> {
 }
 
 impl Estimator<'_> {
-    /// The same without the surface that points span: a fit that is linear in their depths.
+    /// Returns the estimator without the surface spanned by points: a fit that is linear in their depths.
     pub(super) fn roughly(self) -> Self {
         match self {
             Self::Field(field) => Self::Field(FieldEstimator {

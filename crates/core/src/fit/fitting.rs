@@ -1,4 +1,4 @@
-//! Fits points by the settings.
+//! Fits points according to the settings.
 
 use super::config::{FitConfig, FitMethod, PriorKind};
 use super::cosines::CosineBasis;
@@ -36,8 +36,8 @@ pub fn fit(points: &FitPoints<'_>, config: &FitConfig, prior: Option<&Prior>) ->
     )
 }
 
-/// The probability that each point is an inlier, by its prediction from the others; errors and scales are in metres.
-/// `config.robust` does not matter.
+/// The probability that each point is an inlier, given its prediction from the others; errors and scales are in metres.
+/// `config.robust` is ignored.
 ///
 /// # Errors
 /// As for [`fit()`].

@@ -1,4 +1,4 @@
-//! How far a guide is to be trusted: the prior over its weights that makes the points likeliest.
+//! The trust in a guide: the prior over its weights under which the points are most likely.
 
 use super::lambda::Lambda;
 use super::lstsq::Moments;
@@ -7,10 +7,10 @@ use crate::error::Result;
 
 /// Standard deviations of the weights of the guide's functions, in units of the scene's scale.
 const DEVIATIONS: [f64; 3] = [0.1, 0.3, 1.0];
-/// What those of the network's are multiplied by: it may have little to add.
+/// Factors of the standard deviations of the network's weights, because the network may add little to the guide.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
-/// The prior over the weights of the network's functions and those of `guides` more that makes points of these moments
-/// likeliest (empirical Bayes), and the deviation that it gives the latter: without proof for the guide, 0.
+/// Returns the prior over the weights of the network's functions and of `guides` more functions that maximises the likelihood
+/// of points with these moments (empirical Bayes), and its deviation for the latter: 0 without evidence for the guide.
 ///
 /// # Errors
 /// A prior for another number of functions, or values that are not finite.
@@ -21,7 +21,7 @@ pub(super) fn likeliest(
     lambda: Lambda,
 ) -> Result<(Prior, f64)> {
     let mut best = (prior.with_guides(1.0, guides, 0.0), 0.0);
-    // No guide is as likely beforehand as all of these together.
+    // The prior probability of no guide is that of all candidates together.
     let candidates = SHARES.len() * DEVIATIONS.len();
     let mut least = moments.neg_log_likelihood(&best.0, lambda)? - 2.0 * (candidates as f64).ln();
     for share in SHARES {

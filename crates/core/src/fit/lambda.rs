@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How the strength of the prior is chosen: lambda, the ratio of the noise variance to the variance of u.
+/// The choice of the strength of the prior, lambda: the ratio of the noise variance to the variance of u.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Lambda {
@@ -15,14 +15,14 @@ pub enum Lambda {
     /// A fixed value.
     #[serde(untagged)]
     Fixed(f64),
-    /// Numbers of points, in ascending order, and the value for each. Values in between are interpolated
-    /// logarithmically; beyond the first and the last they stay constant.
+    /// Numbers of points, in ascending order, with a value for each. Values in between are interpolated logarithmically;
+    /// outside the range they are constant.
     #[serde(untagged)]
     ByCount([(f64, f64); LAMBDA_COUNTS]),
 }
 
 impl Lambda {
-    /// Multiplies the strength by a factor, if it is a given value.
+    /// Multiplies a given strength by a factor.
     #[must_use]
     pub fn times(self, factor: f64) -> Self {
         match self {
@@ -34,7 +34,7 @@ impl Lambda {
         }
     }
 
-    /// The strength for a number of points, if the points do not choose it.
+    /// Returns the strength for a number of points, unless it is estimated from the points.
     pub(super) fn given(self, count: usize) -> Option<f64> {
         match self {
             Self::Evidence | Self::Gcv => None,
@@ -43,7 +43,7 @@ impl Lambda {
         }
     }
 
-    /// The same strength for a number of points, whose statistics may be those of fewer.
+    /// Returns the strength for a number of points, for statistics that may be those of fewer points.
     pub(super) fn at(self, count: usize) -> Self {
         match self {
             Self::Evidence | Self::Gcv | Self::Fixed(_) => self,

@@ -1,4 +1,4 @@
-//! Weights of points whose depths have standard deviations, beside what the model of depth leaves unexplained.
+//! Weights of points with known standard deviations, in addition to the variance that the model of depth leaves unexplained.
 
 use super::estimate::Estimate;
 use crate::error::Result;
@@ -6,7 +6,7 @@ use crate::error::Result;
 /// The logarithms of the largest and the smallest variance that may be the root differ by no more than this, when
 /// the search ends.
 const EXACT: f64 = 1e-7;
-/// A search needs a tenth of these.
+/// Upper limit of iterations; a search needs a tenth of it.
 const ROUNDS: usize = 100;
 /// If the points vary no more than their standard deviations, the variance of the model is this share of that of the
 /// most precise point.
@@ -24,7 +24,7 @@ const NOTHING: f64 = 1e-6;
 /// estimate for points of weight 1; `solve` returns that for other weights.
 ///
 /// # Errors
-/// Those of `solve`.
+/// The errors of `solve`.
 pub(super) fn weighted_by_variance(
     plain: Estimate,
     variances: &[f64],

@@ -1,4 +1,4 @@
-//! Medians, and the deviation that follows from them.
+//! Medians, and the standard deviation derived from them.
 
 /// The median; 0 without a value.
 pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
@@ -10,15 +10,15 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// So few values are sorted.
+/// Largest number of values that are sorted.
 const FEW: usize = 32;
 
-/// The value at which half of the weight is reached; 0 without a value.
+/// Returns the value at which half of the weight is reached; 0 without values.
 pub(super) fn weighted_median(mut pairs: Vec<(f64, f64)>) -> f64 {
     let half = pairs.iter().map(|p| p.1).sum::<f64>() / 2.0;
     let mut pairs = &mut pairs[..];
     let mut sum = 0.0;
-    // The half of the values in which half of the weight is reached, until few are left.
+    // Continue with the half of the values that contains the weighted median, until few are left.
     while pairs.len() > FEW {
         let middle = pairs.len() / 2;
         pairs.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0));

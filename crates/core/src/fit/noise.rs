@@ -1,4 +1,4 @@
-//! Local noise: how far depths deviate from the fit around each pixel.
+//! Local noise: the deviation of depths from the fit around each pixel.
 
 use super::window::Window;
 use super::{Fit, root_mean_square};
@@ -30,9 +30,9 @@ impl LocalNoise {
     ) -> Self {
         /// Standard deviation of the window, in mean distances between points.
         const WINDOW: f64 = 0.75;
-        /// Less freedom than this is rounding.
+        /// Least degrees of freedom above rounding errors.
         const LEAST: f64 = 1e-9;
-        /// Cells to a standard deviation.
+        /// Cells per standard deviation.
         const FINENESS: f64 = 4.0;
         let area = (height * width) as f64;
         let window = WINDOW * (area / places.len().max(1) as f64).sqrt();
@@ -54,8 +54,8 @@ impl LocalNoise {
                 squares[at] += weight * fit.unstacked_residuals[i].powi(2);
                 freedom[at] += left;
             } else if left > LEAST {
-                // A field nearly meets every point, which leaves next to no freedom; its leave-one-out error counts
-                // as one degree.
+                // A field nearly interpolates every point, which leaves almost no degrees of freedom; its leave-one-out error
+                // counts as one degree.
                 squares[at] += weight * fit.unstacked_residuals[i].powi(2) / left;
                 freedom[at] += 1.0;
             }
@@ -127,7 +127,7 @@ mod tests {
         let noise = LocalNoise::new(&fit, &fit.leverages(&bases), &places, (40, 80));
         let right = noise.at(60.0, 20.0).sqrt();
         assert!((right - 0.5).abs() < 0.03, "{right}");
-        // Drawn to that of the whole image, 0.35, by one degree of freedom among 4.5.
+        // Shrunk towards the noise of the whole image, 0.35, by one degree of freedom among 4.5.
         let left = noise.at(20.0, 20.0).sqrt();
         assert!((left - 0.35 / 4.5_f64.sqrt()).abs() < 0.01, "{left}");
     }

@@ -1,4 +1,4 @@
-//! The outcome of a fit, and what follows from it in closed form.
+//! The outcome of a fit, and results derived from it in closed form.
 
 use super::SmoothField;
 use super::estimate::Estimate;
@@ -73,19 +73,19 @@ impl Fit {
         self.weights.len() - self.field.as_ref().map_or(0, |field| field.ridges.len())
     }
 
-    /// The field that is added to basis functions x weights, if there is one.
+    /// The field that is added to the weighted basis functions, if there is one.
     pub fn smooth(&self) -> Option<&SmoothField> {
         self.field.as_ref().map(|field| &field.smooth)
     }
 
-    /// The number of pixels of the field, in holes of dense depths, at which basis functions contradicted the depths around
-    /// and were limited.
+    /// The number of pixels of the field, in holes of dense depths, at which basis functions contradicted the surrounding
+    /// depths and were limited.
     pub fn limited(&self) -> usize {
         self.field.as_ref().map_or(0, |field| field.limited)
     }
 
-    /// How far the map goes from basis functions and field, 0, to the median of these, of the field alone, and of the
-    /// surface that the points span, 1; `None` for other fits, and for points that span no surface.
+    /// The share of the median in the map: 0 is the fit of basis functions and field; 1 is the median of this fit, of the field
+    /// alone, and of the surface spanned by the points. `None` for other fits, and if the points span no surface.
     pub fn median_share(&self) -> Option<f64> {
         self.field.as_ref()?.median_share()
     }
@@ -116,10 +116,10 @@ impl Fit {
         }
     }
 
-    /// The leave-one-out error of each point, in metres: the residual that it would have if it were left out
-    /// of the fit, which is the residual divided by 1 - leverage (Allen 1974). Their root mean square (the
-    /// PRESS error) estimates the error of the depth between the points without ground truth, if the points
-    /// are distributed like the pixels. NaN for a point that the fit passes through whatever its depth is.
+    /// The leave-one-out error of each point, in metres: its residual if it were left out of the fit, which is the residual
+    /// divided by 1 - leverage (Allen 1974). Their root mean square (the PRESS error) estimates the error of the depth between
+    /// the points without ground truth, if the points are distributed like the pixels. NaN for a point that the fit
+    /// interpolates exactly for any depth.
     pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
         let has_field = self.field.is_some();
         let mut errors = leave_one_out(&self.unstacked_residuals, leverages, has_field);
@@ -134,15 +134,14 @@ impl Fit {
         errors
     }
 
-    /// The root mean square of leave-one-out errors, but for those that are NaN; `None` if all are.
+    /// The root mean square of leave-one-out errors other than NaN; `None` if there are none.
     pub fn leave_one_out_error(&self, leverages: &[f64]) -> Option<f64> {
         let mut errors = self.leave_one_out(leverages);
         errors.retain(|error| !error.is_nan());
         (!errors.is_empty()).then(|| root_mean_square(&errors))
     }
 
-    /// Whether the fit passes through all points whatever their depths are, so that they give no information
-    /// about the noise.
+    /// Whether the fit interpolates all points exactly for any depths, so that they give no information about the noise.
     pub fn is_saturated(&self) -> bool {
         let used = self.point_weights.iter().filter(|w| **w > 0.0).count();
         self.field.is_none() && self.lambda.is_none() && used <= self.rank
@@ -154,7 +153,7 @@ impl Fit {
         let k = self.weights.len().max(1);
         let factor = &self.solution.factor;
         let factor = Mat::from_fn(k, factor.ncols(), |i, j| factor[(i, j)] as f32);
-        // Transposed, so that the values of a pixel lie together.
+        // Transposed, so that the values of a pixel are contiguous.
         let mut product = Mat::<f32>::zeros(factor.ncols(), bases.len() / k);
         let rows = MatRef::from_row_major_slice(bases, bases.len() / k, k);
         let (accum, par) = (Accum::Replace, Par::Seq);
@@ -185,7 +184,8 @@ impl Fit {
         self.field.as_ref().map(of).transpose()
     }
 
-    /// The same, but roughly, at blocks of pixels and of few points without what cosines add: features in a fraction of the time.
+    /// Like [`Self::variances`], but approximately, at blocks of pixels and, for few points, without the contribution of
+    /// cosines: features in a fraction of the time.
     ///
     /// # Errors
     /// Equations that are not positive definite.

@@ -13,22 +13,22 @@ pub trait EvaluateBasis: Debug + Sync {
     /// The number of functions, including the constant and cosines.
     fn count(&self) -> usize;
 
-    /// Their values `[places, count]`, row by row.
+    /// The values `[places, count]`, row by row.
     fn at(&self, places: &[[f64; 2]]) -> Vec<f32>;
 
-    /// Functions x weights at each place.
+    /// The weighted sum of the functions at each position.
     fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64>;
 
-    /// Functions x weights at every pixel of a grid (height, width) over the image.
+    /// The weighted sum of the functions at every pixel of a grid (height, width) over the image.
     fn map(&self, grid: (usize, usize), weights: &[f64]) -> Vec<f32>;
 }
 
-/// How the basis functions are given.
+/// The representation of the basis functions.
 #[derive(Clone, Copy, Debug)]
 pub enum BasisValues<'a> {
     /// Their values at the points, `[n, N + 1]`, row by row.
     AtPoints(&'a [f32]),
-    /// A function of position, for so many points that fits with a field evaluate a sample only.
+    /// A function of position, if there are so many points that fits with a field evaluate only a sample.
     Everywhere(&'a dyn EvaluateBasis),
     /// Both.
     Both(&'a [f32], &'a dyn EvaluateBasis),
@@ -39,12 +39,12 @@ pub enum BasisValues<'a> {
 pub struct FitPoints<'a> {
     /// Basis functions.
     pub bases: BasisValues<'a>,
-    /// How many of them, the last ones before cosines, are those of a [guide](crate::DepthGuide).
+    /// Number of functions of a [guide](crate::DepthGuide), which are the last ones before the cosines.
     pub guides: usize,
     /// Depths in metres, above 0.
     pub depths: &'a [f32],
-    /// The standard deviation of each depth in metres, above 0, where it is known: that of the measurement, in
-    /// addition to what the model of depth leaves unexplained.
+    /// The standard deviation of each depth in metres, above 0, where it is known: that of the measurement, without the
+    /// deviation that the model of depth leaves unexplained.
     pub deviations: Option<&'a [Option<f32>]>,
     /// The position (u, v) of each point, which fits with a field need, and which robust fits use to find
     /// neighbours.
@@ -183,7 +183,7 @@ impl FitRows<'_> {
         median(self.values.iter().copied())
     }
 
-    /// Some of the points at their `places`, with other `values` and a basis function that is 0.
+    /// Returns some of the points at their `places`, with other `values` and a basis function that is 0.
     pub(super) fn with_values<'b>(
         &self,
         points: &[usize],

@@ -4,9 +4,9 @@
 //! images scaled to a mean depth of 1, and nothing is assumed about the scale s. So the fit stays exactly
 //! scale equivariant, and a single point sets the scale of a plausible map.
 //!
-//! Which weights are likely depends on the image, in ways that no single Gaussian describes. The mean over images of their
-//! weights is the centre of the fits to many points; but with next to no points, depth is predicted best by
-//! the weights of the regression over the pixels of all images. So m moves from these, for a single point, to the mean.
+//! Which weights are likely depends on the image, in ways that no single Gaussian describes. For many points, fits are centred
+//! on the mean of the weights over images; but for very few points, depth is predicted best by the weights of the regression
+//! over the pixels of all images. Therefore m moves from these weights, for a single point, to the mean.
 
 use super::FitPoints;
 use super::lstsq::{Moments, Problem};
@@ -25,11 +25,11 @@ pub struct Prior {
     /// L `[k, r]`.
     pub(super) factor: Mat<f64>,
     pub(super) noise: NoisePrior,
-    /// What takes the place of m with a single point, if anything does.
+    /// The replacement of m for a single point, if there is one.
     pooled: Option<Vec<f64>>,
 }
 
-/// From this number of points on, m is the mean over images.
+/// Number of points from which on m is the mean over images.
 const MANY: f64 = 50.0;
 
 /// The prior over the noise, given as the distribution of lambda, the ratio of the noise variance to the
@@ -41,14 +41,13 @@ pub struct NoisePrior {
     pub mean: f64,
     /// Standard deviation of ln(lambda); absent if lambda is unknown.
     pub deviation: Option<f64>,
-    /// The number of points that the prior on the size of u, learned from the training images, is worth: `trust` in
-    /// weights files.
+    /// Weight of the learned prior on the size of u, as a number of points: `trust` in weights files.
     #[serde(rename = "trust")]
     pub equivalent_points: f64,
 }
 
 impl NoisePrior {
-    /// What the amplitude of u adds to a sum of squares, for a scale s: `equivalent_points lambda s^2`.
+    /// Returns the contribution of the amplitude of u to a sum of squares, for a scale s: `equivalent_points lambda s^2`.
     pub(super) fn expected(self, lambda: f64, scale: f64) -> f64 {
         self.equivalent_points * lambda * scale * scale
     }
@@ -113,7 +112,7 @@ impl Prior {
         })
     }
 
-    /// The same prior, centred on other weights if there is a single point, and the less so the more there are.
+    /// The same prior, centred on other weights for a single point, and gradually less so for more points.
     ///
     /// # Errors
     /// Another number of weights, or some that are not finite.
@@ -125,7 +124,7 @@ impl Prior {
         Ok(Self { pooled, ..self })
     }
 
-    /// The weights that the prior is centred on if there is a single point, if they are not its mean.
+    /// The weights on which the prior is centred for a single point; `None` if they are its mean.
     pub fn pooled(&self) -> Option<Vec<f32>> {
         let pooled = self.pooled.as_ref()?;
         Some(pooled.iter().map(|&w| w as f32).collect())
@@ -173,7 +172,7 @@ impl Prior {
         self.mean.len()
     }
 
-    /// The mean, and the factor row by row, as `new` takes them.
+    /// The mean, and the factor row by row, in the form of the arguments of `new`.
     pub fn numbers(&self) -> (Vec<f32>, Vec<f32>) {
         let mean = self.mean.iter().map(|&v| v as f32).collect();
         let rows = self.factor.row_iter();
@@ -296,7 +295,7 @@ impl ImageMoments {
 
 /// The weights that fit the depths of all images at once.
 fn pooled(images: &[ImageMoments], columns: usize) -> std::result::Result<Vec<f64>, NotPositive> {
-    /// Of the mean square of all functions: some may be 0 in all images.
+    /// Relative to the mean square of all functions: some may be 0 in all images.
     const RIDGE: f64 = 1e-6;
     let mut normal = Mat::<f64>::zeros(columns, columns);
     let mut rhs = vec![0.0; columns];

@@ -9,11 +9,11 @@ use lsdc_kernels::cholesky::{PAD, factorise};
 use lsdc_kernels::schedule::join;
 use lsdc_kernels::simd::Level;
 
-/// A problem in the coordinates of its prior: minimise `|d - s A m - A L u|^2 + lambda |u|^2` over s and u. With s
-/// eliminated, what is left is one of u alone.
+/// A problem in the coordinates of its prior: minimise `|d - s A m - A L u|^2 + lambda |u|^2` over s and u. After s is
+/// eliminated, it is a problem in u alone.
 pub(super) struct Reduced<'a> {
     pub(super) prior: &'a Prior,
-    /// `|A m|^2`, and `s` were u 0.
+    /// `|A m|^2`, and the value of `s` for u = 0.
     mean_square: f64,
     scale: f64,
     /// `L^T A^T A m / |A m|^2`.
@@ -26,9 +26,9 @@ pub(super) struct Reduced<'a> {
     pub(super) rhs: Vec<f64>,
     /// `|P d|^2`.
     pub(super) residual_square: f64,
-    /// `|d|^2`: in its unit, scaling depths changes no bit of what lambda is chosen by.
+    /// `|d|^2`, used as a unit, so that scaling depths does not change the choice of lambda by a bit.
     pub(super) square: f64,
-    /// Rows, less the one that the scale takes.
+    /// Number of rows, minus one for the scale.
     pub(super) freedom: f64,
 }
 
@@ -40,7 +40,7 @@ pub(super) struct Shrunk {
     pub(super) lambda: f64,
 }
 
-/// The share of a sum of squares that rounding leaves where nothing should be left.
+/// Share of a sum of squares that may remain from rounding.
 pub(super) const ROUNDING: f64 = 1e-13;
 
 impl<'a> Reduced<'a> {
@@ -98,7 +98,7 @@ impl<'a> Reduced<'a> {
         self.mean_square > f64::MIN_POSITIVE
     }
 
-    /// What the prior of the amplitude of u adds, in units of the noise: `equivalent_points lambda s^2`.
+    /// Returns the contribution of the prior on the amplitude of u, in units of the noise: `equivalent_points lambda s^2`.
     pub(super) fn expected(&self, lambda: f64) -> f64 {
         self.prior.noise.expected(lambda, self.scale)
     }
@@ -114,7 +114,7 @@ impl<'a> Reduced<'a> {
     /// The solution for a lambda that is known: by a Cholesky factor `C C^T` of `normal + lambda`, whose further
     /// rows are `map C^-T` and `(C^-1 right)^T`. `None` if rounding errors are as large as lambda.
     pub(super) fn solved(&self, lambda: f64) -> Option<Shrunk> {
-        /// Lambda is this many times above what rounding leaves of directions that the points do not see.
+        /// Least ratio of lambda to the rounding errors in directions that the points do not determine.
         const ABOVE: f64 = 1e4;
         if lambda.is_nan() || lambda <= ABOVE * ROUNDING * self.trace {
             return None;
@@ -173,8 +173,8 @@ impl<'a> Reduced<'a> {
         count
     }
 
-    /// The solution from u in coordinates in which its covariance is the identity: u is `along` there, `factor` maps
-    /// them to the weights. The points determine so many of them.
+    /// Returns the solution from u in coordinates in which its covariance is the identity: u is `along` there, and `factor`
+    /// maps these coordinates to the weights. The points determine `determined` of them.
     pub(super) fn shrunk(
         &self,
         lambda: f64,

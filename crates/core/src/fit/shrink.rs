@@ -15,7 +15,7 @@ impl Moments {
     pub(super) fn shrunk(&self, prior: &Prior, lambda: Lambda) -> Result<Shrunk, Error> {
         let reduced = Reduced::new(self, prior)?;
         let given = lambda.given(self.count);
-        // The directions cost many times as much.
+        // The singular directions take many times as long.
         if let Some(found) = given.and_then(|lambda| reduced.solved(lambda)) {
             return Ok(found);
         }

@@ -1,11 +1,11 @@
-//! The directions of the weights that the points determine, for a strength of the prior that is chosen by the points.
+//! The directions of the weights that the points determine, for a strength of the prior chosen from the points.
 
 use super::lambda::Lambda;
 use super::reduced::{ROUNDING, Reduced, Shrunk};
 use crate::error::FitError;
 use faer::{Mat, Side};
 
-/// A problem in directions of u that are alone, for any lambda.
+/// A problem decomposed into independent directions of u, for any lambda.
 pub(super) struct Spectrum<'a> {
     reduced: &'a Reduced<'a>,
     /// Squared singular values of `P A L`.

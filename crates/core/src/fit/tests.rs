@@ -139,7 +139,7 @@ fn the_centre_of_a_prior_moves_with_the_number_of_points() {
     let between = Prior::new(&centre.collect::<Vec<_>>(), &factor, UNKNOWN).unwrap();
     close(&weights, &generalised(&between, &bases, &depths, 0.3), 1e-5);
     assert_eq!(found(50, &both).0, found(50, &plain).0);
-    // Nothing of it is left where a fit gives the centre.
+    // It has no effect if the prior is centred on another fit.
     let about = both
         .centred_on(&[2.0, 1.0, 0.0, -1.0, 0.5, 0.25], 0)
         .unwrap();
@@ -172,7 +172,7 @@ fn scaling_depths_scales_every_fit() {
     ];
     for n in [1, 3, 30] {
         let (bases, depths) = scene(&prior, n, 0.1, 7);
-        // What is scaled is a depth: above 0.
+        // The scaled values are depths, which are positive.
         let depths: Vec<f32> = depths.iter().map(|d| d.abs() + 0.1).collect();
         for config in &configs {
             let weights = |factor: f32| {
@@ -222,7 +222,7 @@ fn the_evidence_is_the_likelihood_of_the_depths() {
     for other in [0.2, 0.5, 0.9, 1.1, 2.0, 5.0] {
         assert!(cost(lambda) < cost(other * lambda), "{other}");
     }
-    // Not one of many minima: flat at the one that was found.
+    // Stationary at the minimum that was found.
     assert!((cost(1.001 * lambda) - cost(0.999 * lambda)).abs() < 1e-5);
 }
 

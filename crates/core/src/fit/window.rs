@@ -3,7 +3,7 @@
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 
-/// A Gaussian window, cut off at four standard deviations.
+/// A Gaussian window, truncated at four standard deviations.
 #[derive(Clone, Debug)]
 pub(crate) struct Window {
     /// `exp(-x^2 / 2 sd^2)` for x = 0, 1, ...
@@ -41,8 +41,8 @@ impl Window {
         sums
     }
 
-    /// The sums around the pixels of a row, from the rows around it, the first of which has this place in the
-    /// window: across rows first, then along this one.
+    /// Computes the sums around the pixels of a row, from the rows around it: vertically first, then horizontally. `first` is
+    /// the position in the window of the first of these rows.
     #[inline(always)]
     fn row(&self, values: &[f64], first: usize, row: &mut [f64], sums: &mut [f64]) {
         let (width, reach) = (sums.len(), self.weights.len() - 1);

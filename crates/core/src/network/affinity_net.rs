@@ -10,7 +10,7 @@ use lsdc_kernels::conv::ConvSpec;
 #[derive(Debug)]
 pub(super) struct AffinityNet<L> {
     down: Vec<[L; 2]>,
-    /// From the encoder's features to what is added at the lowest resolution.
+    /// Maps the encoder's features to an addend at the lowest resolution.
     encoded: Option<L>,
     up: Vec<UpBlock<L>>,
     last: L,
@@ -23,7 +23,7 @@ struct UpBlock<L> {
 }
 
 impl<L> AffinityNet<L> {
-    /// `channels` are those of the encoder's features, if there is an encoder.
+    /// `channels` is the number of channels of the encoder's features, if there is an encoder.
     pub(super) fn new(
         config: &NetworkConfig,
         channels: Option<usize>,
@@ -65,7 +65,7 @@ impl<L> AffinityNet<L> {
         })
     }
 
-    /// The changes of the affinities that follow from the colours, `[height, width, CHANGES]`.
+    /// Returns the network's modifications of the colour affinities, `[height, width, CHANGES]`.
     pub(super) fn forward<M: Clone>(
         &self,
         image: &M,

@@ -1,5 +1,5 @@
-//! `EfficientNet`-Lite0 without its classifier (Tan and Le 2019; "Lite": no squeeze and excitation, ReLU), which was trained
-//! to classify photographs.
+//! `EfficientNet`-Lite0 without its classifier (Tan and Le 2019; "Lite": no squeeze and excitation, ReLU), pretrained for image
+//! classification.
 
 use super::config::BackboneConfig;
 use super::executor::{Executor, Prepare};
@@ -7,7 +7,7 @@ use super::tensors::Tensors;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::ConvSpec;
 
-/// Channels behind the first convolution.
+/// Output channels of the first convolution.
 pub const BACKBONE_STEM: usize = 32;
 
 /// Expansion, taps, stride of the first block, channels and number of blocks of each stage.
@@ -21,21 +21,21 @@ const STAGES: [[usize; 5]; 7] = [
     [6, 3, 1, 320, 1],
 ];
 
-/// An inverted residual block (Sandler et al. 2018): channels are expanded, each is convolved alone, and they are
-/// reduced again.
+/// An inverted residual block (Sandler et al. 2018): an expansion of the channels, a depthwise convolution, and a projection to
+/// fewer channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvertedBlock {
     /// Channels of the input.
     pub from: usize,
-    /// Channels between; equal to those of the input if they are not expanded.
+    /// Channels of the depthwise convolution; equal to those of the input if they are not expanded.
     pub inner: usize,
     /// Channels of the output.
     pub to: usize,
-    /// Side of the convolution of each channel.
+    /// Kernel size of the depthwise convolution.
     pub taps: usize,
-    /// Its stride.
+    /// Stride of the depthwise convolution.
     pub stride: usize,
-    /// Whether its output, at the resolution before the next stride, is read.
+    /// Whether its output, the last one before the resolution is halved, is an output of the backbone.
     pub read: bool,
 }
 
@@ -52,10 +52,10 @@ impl InvertedBlock {
 }
 
 impl BackboneConfig {
-    /// The number of all stages.
+    /// The number of stages.
     pub const MAX_STAGES: usize = STAGES.len();
 
-    /// The blocks of all stages that are used.
+    /// The blocks of all used stages.
     pub fn blocks(self) -> Vec<InvertedBlock> {
         let mut blocks: Vec<InvertedBlock> = Vec::new();
         let mut from = BACKBONE_STEM;
@@ -63,7 +63,7 @@ impl BackboneConfig {
         for &[expansion, taps, first, to, count] in stages {
             for i in 0..count {
                 let stride = if i == 0 { first } else { 1 };
-                // From a quarter of the image's resolution on.
+                // Outputs start at a quarter of the image's resolution.
                 if let Some(before) = blocks.last_mut() {
                     before.read = stride == 2 && before.from != BACKBONE_STEM;
                 }
@@ -133,7 +133,7 @@ impl<L> Backbone<L> {
         })
     }
 
-    /// The outputs that are read, the finest first.
+    /// Returns the outputs of the backbone, finest first.
     pub(super) fn forward<M: Clone>(
         &self,
         image: &M,
@@ -173,8 +173,8 @@ mod tests {
         }
         .blocks();
         assert_eq!(blocks.len(), 16);
-        // Weights of convolutions: 4,652,008 numbers with the classifier and both lines of every normalisation, by PyTorch's
-        // count of the published file.
+        // Weights of convolutions: 4,652,008 parameters, including the classifier and both parameters of every normalisation,
+        // as counted by PyTorch for the published file.
         let convolutions = blocks.iter().map(|b| {
             let expand = if b.expands() { b.from * b.inner } else { 0 };
             expand + b.inner * b.taps * b.taps + b.inner * b.to

@@ -16,9 +16,9 @@ pub const LEAST_AFFINITY: f64 = 1e-4;
 /// The logarithms of the network's factors are limited to this magnitude.
 pub const MAX_LOG_FACTOR: f64 = 7.0;
 
-/// The affinities `[height, width, 2]` of each pixel of a normalised image `[height, width, 3]` with its
-/// right and lower neighbour: `a = 1 / (1 + (dC / CONTRAST)^2) + LEAST_AFFINITY`, where dC is the colour difference;
-/// given the output (f, g) of the affinity network, `[height, width, CHANGES]`, `e^f a^(1 + g)`.
+/// Returns the affinities `[height, width, 2]` of each pixel of a normalised image `[height, width, 3]` to its right and lower
+/// neighbour: `e^f a^(1 + g)` with `a = 1 / (1 + (dC / CONTRAST)^2) + LEAST_AFFINITY`, where dC is the colour difference, and
+/// (f, g) is the output of the affinity network, `[height, width, CHANGES]`.
 pub(super) fn affinities(
     image: &[f32],
     (height, width): (usize, usize),
@@ -55,7 +55,7 @@ pub(super) fn affinities(
     affinities
 }
 
-/// No network: one basis function, the constant 1, and affinities from the colours alone.
+/// A stand-in for a network: one basis function, the constant 1, and affinities from the colours alone.
 #[derive(Clone, Copy, Debug)]
 pub struct ColourAffinity;
 
@@ -106,7 +106,7 @@ mod tests {
         let half = CONTRAST as f32;
         let image = [0.0, 0.0, 0.0, half, 0.0, 0.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0];
         let found = affinities(&image, (2, 2), None);
-        // Right, down of each pixel; the last column and row have no neighbour.
+        // Right and lower neighbour of each pixel; the last column and row have none.
         let expected = [0.5001, 1e-4, 1.0001, 1e-4, 1.0001, 1.0001, 1.0001, 1.0001];
         for (found, expected) in found.iter().zip(expected) {
             assert!((found - expected).abs() < 1e-4, "{found} {expected}");

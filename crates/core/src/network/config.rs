@@ -10,11 +10,11 @@ const MOST_BLOCKS: usize = 64;
 /// Added to the variance in every normalisation.
 pub const EPSILON: f64 = 1e-5;
 
-/// Numbers of channels of the levels of the affinity network, as multiples of those at full resolution.
+/// Channels of the levels of the affinity network, as multiples of those at full resolution.
 const LEVELS: [usize; 5] = [1, 2, 4, 6, 8];
 
-/// Number of outputs of the affinity network per pixel, two for each of its two neighbours: first the
-/// logarithms of factors, then the change in how much colour differences count (-1: they do not count).
+/// Number of outputs of the affinity network per pixel, two for each of its two neighbours: first the logarithms of factors,
+/// then the changes in the exponent of the colour affinity (-1: colour differences have no effect).
 pub const CHANGES: usize = 4;
 
 /// The normalisation after every layer.
@@ -46,14 +46,14 @@ fn stage(width: usize, blocks: usize) -> StageConfig {
     StageConfig { width, blocks }
 }
 
-/// A pretrained `EfficientNet`-Lite0 beside the extractor, of which some stages are used.
+/// A pretrained `EfficientNet`-Lite0 in parallel with the extractor; only its first stages are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BackboneConfig {
-    /// Number of its seven stages, from the first on: 2 end at a quarter of the image's resolution, 3 at an eighth, 5 at
-    /// a 16th, 7 at a 32nd.
+    /// Number of its seven stages that are used: 2 end at a quarter of the image's resolution, 3 at an eighth, 5 at a 16th, 7
+    /// at a 32nd.
     pub stages: usize,
-    /// Channels of the feature pyramid that merges the resolutions, at a quarter of the image's.
+    /// Channels of the feature pyramid that merges the resolutions, at a quarter of the image's resolution.
     pub decoder: usize,
 }
 
@@ -83,19 +83,18 @@ pub struct ExtractorConfig {
     pub merge: usize,
     /// Channels of the output features.
     pub features: usize,
-    /// Stages after the fourth, each at half the resolution of the one before it, from an eighth of the image's down:
-    /// their outputs are enlarged and added to the features, which see more of the image that way.
+    /// Stages after the fourth, each at half the resolution of the one before it, starting at an eighth of the image's
+    /// resolution: their outputs are upsampled and added to the features, which increases the receptive field.
     pub context: Vec<StageConfig>,
-    /// Stages of a pretrained network, which training continues: their output is added to the features, and predicts the
-    /// map of depth if the network has one (`mean`); absent: none.
-    // Not in files without them: earlier versions do not know the name.
+    /// Stages of a pretrained network, which training fine-tunes: their output is added to the features, and predicts the map
+    /// of depth if the network has one (`mean`); absent: none.
+    // Omitted from files without a backbone: earlier versions reject the name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub backbone: Option<BackboneConfig>,
-    /// Number of convolutions that sharpen the features at half the image's resolution, using the output of
-    /// the first stage there; 0: the features stay at quarter resolution, as in PSMNet.
+    /// Number of convolutions that sharpen the features at half the image's resolution, using the output of the first stage; 0:
+    /// the features stay at quarter resolution, as in PSMNet.
     pub sharpening: usize,
-    /// Channels of the branch that reads the tokens of a pretrained encoder ([`EncoderConfig::small`]); 0: there is
-    /// no encoder.
+    /// Channels of the branch for the tokens of a pretrained encoder ([`EncoderConfig::small`]); 0: there is no encoder.
     ///
     /// [`EncoderConfig::small`]: super::EncoderConfig::small
     pub encoder: usize,
@@ -131,7 +130,7 @@ impl ExtractorConfig {
         config
     }
 
-    /// Half the widths and two fifths of the blocks, with twice as many features, which are sharpened.
+    /// Half the widths and two fifths of the blocks of `psmnet`, with twice as many features, which are sharpened.
     pub fn slim() -> Self {
         Self {
             stem: 16,
@@ -185,7 +184,7 @@ impl ExtractorConfig {
         self.stages.iter().chain(&self.context)
     }
 
-    /// All widths that are normalised.
+    /// Returns all widths that are normalised.
     fn widths(&self) -> Vec<usize> {
         let mut widths: Vec<usize> = self.all_stages().map(|s| s.width).collect();
         widths.extend([self.stem, self.branch, self.merge]);
@@ -213,12 +212,12 @@ pub struct NetworkConfig {
     pub hidden: Vec<usize>,
     /// N, the number of learned basis functions, not counting the constant 1.
     pub bases: usize,
-    /// Whether the first function is a positive map that the network predicts instead of the constant 1: the depth that
-    /// the image suggests, up to scale. It is the exponential of a linear function of the last level of the backbone's
-    /// pyramid, or without a backbone of the last hidden layer.
+    /// Whether the first basis function is a positive map predicted by the network instead of the constant 1: the depth up to
+    /// scale. It is the exponential of a linear function of the last level of the backbone's pyramid, or of the last hidden
+    /// layer without a backbone.
     pub mean: bool,
-    /// Number of channels at full resolution of the affinity network, which tells depth edges from colour
-    /// edges, for fits with a field; 0: affinities come from colours alone.
+    /// Channels at full resolution of the affinity network, which distinguishes depth edges from colour edges, for fits with a
+    /// field; 0: affinities depend on the colours alone.
     #[serde(alias = "edges")]
     pub affinities: usize,
     /// Normalisation after every convolution and hidden layer.
@@ -259,14 +258,14 @@ impl NetworkConfig {
     pub fn sharp() -> Self {
         Self {
             extractor: ExtractorConfig::slim(),
-            // At least as wide as `bases` at the end: fewer would make the bases dependent.
+            // The last layer is at least as wide as `bases`, because fewer channels would make the bases linearly dependent.
             hidden: vec![128, 128],
             affinities: 16,
             ..Self::paper()
         }
     }
 
-    /// The same with half the widths: 0.3 M parameters, for low-power machines.
+    /// `sharp` with half the widths: 0.3 M parameters, for low-power machines.
     pub fn small() -> Self {
         Self {
             extractor: ExtractorConfig::slimmer(),
@@ -277,8 +276,8 @@ impl NetworkConfig {
         }
     }
 
-    /// `sharp` that sees more of the image, down to a 32nd of its resolution, and whose first function is a map of
-    /// depth: 3.3 M parameters.
+    /// `sharp` with a larger receptive field, down to a 32nd of the resolution, and a map of depth as the first function: 3.3 M
+    /// parameters.
     pub fn taught() -> Self {
         Self {
             extractor: ExtractorConfig {
@@ -290,8 +289,8 @@ impl NetworkConfig {
         }
     }
 
-    /// `taught` with a block less, beside five stages of a pretrained `EfficientNet`-Lite0, which predict the map of depth:
-    /// 3.4 M parameters.
+    /// `taught` with one block less, in parallel with five stages of a pretrained `EfficientNet`-Lite0, which predict the map
+    /// of depth: 3.4 M parameters.
     pub fn lite() -> Self {
         Self {
             extractor: ExtractorConfig {
@@ -304,7 +303,7 @@ impl NetworkConfig {
         }
     }
 
-    /// `small` beside the same stages, which predict the map of depth: 1.1 M parameters.
+    /// `small` in parallel with the same stages, which predict the map of depth: 1.1 M parameters.
     pub fn lite_small() -> Self {
         Self {
             extractor: ExtractorConfig {
@@ -319,7 +318,7 @@ impl NetworkConfig {
         }
     }
 
-    /// `sharp` on top of a pretrained encoder, whose parameters are not counted: 2.1 M parameters.
+    /// `sharp` with a pretrained encoder, whose parameters are not counted: 2.1 M parameters.
     pub fn anything() -> Self {
         Self {
             extractor: ExtractorConfig {
@@ -332,7 +331,7 @@ impl NetworkConfig {
         }
     }
 
-    /// Numbers of channels of all levels of the affinity network, from full resolution down.
+    /// Channels of all levels of the affinity network, from full resolution down.
     pub fn levels(&self) -> [usize; 5] {
         LEVELS.map(|level| level * self.affinities)
     }

@@ -1,4 +1,4 @@
-//! A feature pyramid (Lin et al. 2017): from a backbone's maps at each resolution to one at a quarter of the image's.
+//! A feature pyramid (Lin et al. 2017): merges the maps of a backbone into one at a quarter of the image's resolution.
 
 use super::config::BackboneConfig;
 use super::executor::{Executor, Prepare};
@@ -6,14 +6,14 @@ use super::tensors::Tensors;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::ConvSpec;
 
-/// The pyramid, and the layers that read its finest level.
+/// The pyramid, and the output layers on its finest level.
 #[derive(Debug)]
 pub(super) struct Decoder<L> {
-    /// The finest first.
+    /// Levels, finest first.
     levels: Vec<Level<L>>,
-    /// Added to the features of the extractor.
+    /// Projection to an addend for the features of the extractor.
     pub(super) features: L,
-    /// The logarithm of the map of depth, if the network suggests one.
+    /// Predicts the logarithm of the map of depth, if the network has one.
     pub(super) map: Option<L>,
 }
 
@@ -48,7 +48,7 @@ impl<L> Decoder<L> {
         })
     }
 
-    /// The last level from the outputs of the backbone, the finest first.
+    /// Returns the finest level, from the outputs of the backbone, finest first.
     pub(super) fn forward<M: Clone>(
         &self,
         maps: Vec<M>,

@@ -32,7 +32,7 @@ mod tests {
 
     #[test]
     fn values_follow_the_formula() {
-        // Place 2 of 4 pixels: 5/4 - 1.
+        // Position 2 of 4 pixels: 5/4 - 1.
         let (x, pi) = (0.25_f32, std::f32::consts::PI);
         let expected = [
             x,

@@ -1,16 +1,16 @@
-//! What runs the layers of a network. The network's structure is written once, for the CPU and for every other device.
+//! Traits to run the layers of a network. The network's structure is defined once, for the CPU and for every other device.
 
 use lsdc_kernels::conv::{ConvSpec, Layer};
 use lsdc_kernels::simd::Level;
 use std::fmt::Debug;
 
-/// Turns the weights of a layer into what an [`Executor`] runs.
+/// Converts the weights of a layer to the form that an [`Executor`] runs.
 pub trait Prepare {
     /// A convolution with its weights.
     type Layer: Debug + Send + Sync;
 
-    /// A convolution with weights `[outputs, channels, taps, taps]` of these `sizes` (outputs, channels, taps), with 1 channel
-    /// if each is convolved alone; an empty bias is 0.
+    /// Prepares a convolution with weights `[outputs, channels, taps, taps]` of these `sizes` (outputs, channels, taps), with 1
+    /// channel in a depthwise convolution; an empty bias is 0.
     fn layer(
         &self,
         weights: &[f32],
@@ -28,14 +28,14 @@ impl Prepare for Level {
     }
 }
 
-/// Runs layers on maps `[height, width, channels]`, or records that they are to run.
+/// Runs layers on maps `[height, width, channels]`, or records them.
 pub trait Executor {
     /// A convolution with its weights.
     type Layer;
     /// A handle of a map; clones share the values.
     type Map: Clone;
 
-    /// The output of a layer, to which `skip` is added before the ReLU.
+    /// Returns the output of a layer; `skip` is added before the ReLU.
     fn layer(
         &self,
         layer: &Self::Layer,
@@ -44,7 +44,7 @@ pub trait Executor {
         relu: bool,
     ) -> Self::Map;
 
-    /// `layer(x)` plus a coarser map that is enlarged bilinearly.
+    /// Returns `layer(x)` plus a bilinearly upsampled coarser map.
     fn layer_plus_enlarged(
         &self,
         layer: &Self::Layer,
@@ -52,11 +52,11 @@ pub trait Executor {
         coarser: &Self::Map,
     ) -> Self::Map;
 
-    /// `map` plus `layer(x)` that is enlarged bilinearly; the layer is 1x1 and has no bias, so that an executor may
-    /// enlarge x instead.
+    /// Returns `map` plus the bilinearly upsampled `layer(x)`; the layer is 1x1 and has no bias, so that an executor may
+    /// upsample x instead.
     fn plus_enlarged_layer(&self, map: Self::Map, layer: &Self::Layer, x: &Self::Map) -> Self::Map;
 
-    /// A convolution of each channel with its ReLU, then a 1x1 convolution, to which `skip` is added.
+    /// A depthwise convolution with ReLU, then a 1x1 convolution; `skip` is added.
     fn separable(
         &self,
         depthwise: &Self::Layer,
@@ -68,37 +68,37 @@ pub trait Executor {
         self.layer(pointwise, &inner, skip, false)
     }
 
-    /// A map enlarged bilinearly to the size of another.
+    /// Upsamples a map bilinearly to the size of another.
     fn enlarged(&self, map: &Self::Map, like: &Self::Map) -> Self::Map;
 
-    /// Means over windows of each size in pixels, cut off at the end.
+    /// Returns means over windows of each size in pixels; windows are cropped at the end.
     fn averages(&self, map: &Self::Map, sizes: &[usize]) -> Vec<Self::Map>;
 
-    /// The channels of two maps of one size, then of coarser ones, which are enlarged bilinearly.
+    /// Concatenates the channels of two maps of one size and of coarser maps, which are upsampled bilinearly.
     fn concatenated(&self, maps: [&Self::Map; 2], coarser: &[Self::Map]) -> Self::Map;
 
-    /// The output of layers one after the other, each with a ReLU.
+    /// Applies layers in sequence, each with a ReLU.
     fn layers(&self, layers: &[Self::Layer], x: Self::Map) -> Self::Map {
         let layers = layers.iter();
         layers.fold(x, |x, layer| self.layer(layer, &x, None, true))
     }
 }
 
-/// Runs what the depth head of an encoder needs beside the layers of networks.
+/// Runs the operations of the depth head of an encoder that other networks do not need.
 pub trait HeadExecutor: Executor {
-    /// Height and width of a map.
+    /// Returns the height and width of a map.
     fn size(&self, map: &Self::Map) -> (usize, usize);
 
-    /// A map without its negative values.
+    /// Applies a ReLU to a map.
     fn rectified(&self, map: &Self::Map) -> Self::Map;
 
-    /// The sum of two maps of one size.
+    /// Returns the sum of two maps of one size.
     fn sum(&self, one: &Self::Map, other: &Self::Map) -> Self::Map;
 
-    /// The output of a 1x1 convolution whose outputs are `[row, column, channel]` of a block of pixels of some side: each pixel
-    /// becomes its block.
+    /// Applies a 1x1 convolution whose outputs are `[row, column, channel]` of a square block with this side: each pixel
+    /// becomes a block.
     fn in_blocks(&self, layer: &Self::Layer, side: usize, x: &Self::Map) -> Self::Map;
 
-    /// A map enlarged bilinearly to a height and width, with the centres of its corner pixels in those of the corners.
+    /// Upsamples a map bilinearly to a height and width, with coinciding centres of the corner pixels.
     fn enlarged_by_corners(&self, map: &Self::Map, size: (usize, usize)) -> Self::Map;
 }

@@ -13,28 +13,28 @@ pub(super) struct Extractor<L> {
     stem: Vec<L>,
     half: Vec<Block<L>>,
     quarter: Vec<Block<L>>,
-    /// Wider, then dilated.
+    /// The wider stage, followed by the dilated one.
     skip: Vec<Block<L>>,
     /// The pool size of each branch.
     pools: Vec<usize>,
     /// The convolution of each branch.
     branches: Vec<L>,
-    /// Of the encoder's features, at their resolution.
+    /// Convolutions of the encoder's features, at their resolution.
     encoded: Vec<L>,
     merge: L,
     project: L,
-    /// Blocks at lower and lower resolutions, and what each adds to the features.
+    /// Blocks at successively lower resolutions, each with the projection to an addend for the features.
     context: Vec<(Vec<Block<L>>, L)>,
     backbone: Option<(Backbone<L>, Decoder<L>)>,
     sharpen: Option<Sharpen<L>>,
 }
 
-/// What an extractor yields.
+/// The output of an extractor.
 #[derive(Clone, Debug)]
 pub struct ExtractedMaps<M> {
-    /// At a quarter of the image's resolution, or at half of it if they are sharpened.
+    /// At a quarter of the image's resolution, or at half of it if features are sharpened.
     pub features: M,
-    /// The logarithm of the map of depth that a backbone predicts, at the same resolution.
+    /// Logarithm of the map of depth predicted by a backbone, at the same resolution.
     pub logarithm: Option<M>,
 }
 
@@ -53,7 +53,7 @@ struct Block<L> {
 }
 
 impl<L> Block<L> {
-    /// A run of blocks, of which the first changes width and resolution.
+    /// A sequence of blocks; the first one changes width and resolution.
     fn stage(
         tensors: &Tensors<'_, impl Prepare<Layer = L>>,
         name: &str,
@@ -105,8 +105,8 @@ impl<L> Block<L> {
 }
 
 impl<L> Extractor<L> {
-    /// `channels` are those of the encoder's features, if there is an encoder; `mean` is whether the network predicts a
-    /// map of depth.
+    /// `channels` is the number of channels of the encoder's features, if there is an encoder; `mean` is whether the network
+    /// predicts a map of depth.
     pub(super) fn new(
         config: &ExtractorConfig,
         channels: Option<usize>,

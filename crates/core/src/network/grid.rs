@@ -1,5 +1,5 @@
-//! Where rows and columns of positions lie on the feature map, and what the positional encoding contributes
-//! to the first hidden layer.
+//! Locations of rows and columns of positions on the feature map, and the contribution of the positional encoding to the first
+//! hidden layer.
 
 use super::encoding;
 use super::map::Map;
@@ -9,16 +9,16 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The first hidden layer on the codes of positions.
+/// The first hidden layer applied to the codes of positions.
 #[derive(Debug)]
 pub(super) struct CodeLayers {
-    /// On codes of columns (with the bias), and on codes of rows.
+    /// For the codes of columns (with the bias), and for the codes of rows.
     pub(super) columns: Packed,
     pub(super) rows: Packed,
     pub(super) octaves: usize,
 }
 
-/// Rows and columns of positions in an image, on its feature map.
+/// Rows and columns of positions in an image, located on its feature map.
 #[derive(Debug)]
 pub(super) struct PositionGrid {
     size: (usize, usize),
@@ -31,7 +31,7 @@ pub(super) struct PositionGrid {
 }
 
 impl PositionGrid {
-    /// The grid of an image of `size` (height, width), at the given rows v and columns u.
+    /// Makes the grid of an image of `size` (height, width) at the given rows v and columns u.
     pub(super) fn new(
         layers: &CodeLayers,
         features: (usize, usize),
@@ -61,7 +61,7 @@ impl PositionGrid {
         }
     }
 
-    /// The first hidden layer at a row and column, before its ReLU.
+    /// Returns the first hidden layer at a row and column, before its ReLU.
     pub(super) fn blend<'a>(
         &'a self,
         inputs: &'a Map,
@@ -86,7 +86,7 @@ impl PositionGrid {
         }
     }
 
-    /// The value of a map of one channel at a row and column.
+    /// Returns the value of a map of one channel at a row and column.
     #[inline(always)]
     pub(super) fn value(&self, map: &Map, (y, x): (usize, usize)) -> f32 {
         let ((top, bottom, v), (left, right, u)) = (self.rows[y], self.columns[x]);
@@ -97,7 +97,7 @@ impl PositionGrid {
         upper * (1.0 - v) + lower * v
     }
 
-    /// The columns of the feature map at a row.
+    /// Interpolates the rows of the feature map at a row of the grid.
     pub(super) fn along_row<'a>(
         &'a self,
         inputs: &'a Map,
@@ -116,7 +116,7 @@ impl PositionGrid {
         })
     }
 
-    /// The first hidden layer at some columns of a row, from the columns of the feature map there.
+    /// Returns the first hidden layer at some columns of a row, given the interpolated row of the feature map.
     pub(super) fn in_row<'a>(
         &'a self,
         row: &'a [f32],
@@ -134,7 +134,7 @@ impl PositionGrid {
     }
 }
 
-/// The distinct coordinates of positions along an axis, in ascending order.
+/// Returns the distinct coordinates of positions along an axis, in ascending order.
 pub(super) fn distinct_coordinates(places: &[[f64; 2]], axis: usize) -> Vec<f64> {
     let mut all: Vec<f64> = places.iter().map(|place| place[axis]).collect();
     all.sort_unstable_by(f64::total_cmp);
@@ -163,13 +163,13 @@ impl GridCache {
         if let Some(grid) = find(&self.lock()) {
             return grid;
         }
-        // Computed without the lock, for which images of other sizes would wait.
+        // Computed without the lock, which would block images of other sizes.
         let all = |length: usize| (0..length).map(|i| i as f64).collect::<Vec<_>>();
         let (rows, columns) = (all(size.0), all(size.1));
         let grid = PositionGrid::new(layers, features, size, (&rows, &columns));
         let grid = Arc::new(grid);
         let mut grids = self.lock();
-        // Another thread may have been first.
+        // Another thread may have inserted the grid in the meantime.
         find(&grids).unwrap_or_else(|| {
             grids.push_front(grid.clone());
             grids.truncate(Self::CAPACITY);

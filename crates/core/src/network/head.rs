@@ -16,20 +16,20 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub(super) struct Head {
     level: Level,
-    /// The first layer on features, and on codes of positions.
+    /// The first layer for the features, and for the codes of positions.
     features: Packed,
     positions: CodeLayers,
     /// The other hidden layers.
     hidden: Vec<Packed>,
-    /// From the last hidden layer to the N basis functions.
+    /// Layer from the last hidden layer to the N basis functions.
     last: Packed,
-    /// The same weights as `[width, N]`.
+    /// The weights of `last` as `[width, N]`.
     weights: Vec<f32>,
     first: FirstFunction,
     grids: GridCache,
 }
 
-/// The weights of the MLP as they are stored, with normalisation folded into them.
+/// The stored weights of the MLP, with normalisation folded in.
 #[derive(Clone, Debug)]
 pub struct HeadWeights {
     /// The hidden layers; the inputs of the first are features, codes of columns, and codes of rows.
@@ -38,9 +38,9 @@ pub struct HeadWeights {
     pub features: usize,
     /// Octaves of the positional encoding, see [`codes`](super::codes).
     pub octaves: usize,
-    /// From the last hidden layer to the N basis functions, without bias.
+    /// Layer from the last hidden layer to the N basis functions, without bias.
     pub last: LinearWeights,
-    /// The first function, which is not among the N.
+    /// The first function, which is not counted in N.
     pub first: FirstFunction,
 }
 
@@ -88,30 +88,30 @@ impl HeadWeights {
 pub enum FirstFunction {
     /// 1 everywhere.
     Constant,
-    /// A map, whose logarithm is the last hidden layer times these weights.
+    /// A map; its logarithm is the last hidden layer times these weights.
     Hidden(Vec<f32>),
-    /// A map, whose logarithm the extractor predicts.
+    /// A map; its logarithm is predicted by the extractor.
     Extractor,
 }
 
-/// The output of an extractor, behind the part of the first hidden layer that commutes with enlargement.
+/// The output of an extractor after the part of the first hidden layer that commutes with upsampling.
 #[derive(Debug)]
 pub(super) struct HeadInput {
-    /// The first hidden layer on the features alone, at their resolution.
+    /// The first hidden layer for the features alone, at their resolution.
     hidden: Map,
-    /// The logarithm of the first function there, if the extractor predicts it.
+    /// The logarithm of the first function at this resolution, if the extractor predicts it.
     logarithm: Option<Arc<Map>>,
 }
 
 /// The logarithm of the first function is limited to this magnitude.
 pub const MAX_LOG_DEPTH: f32 = 4.0;
 
-/// Pixels of one piece: whole register tiles of every level, and small enough for caches.
+/// Pixels per block: a multiple of the register tile of every level, and small enough for caches.
 const PIECE: usize = 84;
-/// Places whose positions are encoded at once.
+/// Positions encoded at once.
 const PLACES: usize = 1 << 13;
-/// Floats between rows of the first hidden layer: at distances of powers of two they would compete
-/// for the same lines of the cache (measured: up to 8 % at 512 channels).
+/// Padding in floats between rows of the first hidden layer: rows at distances of powers of two would compete for the same
+/// cache lines (measured: up to 8 % at 512 channels).
 const ROW_PADDING: usize = 16;
 
 impl Head {
@@ -158,8 +158,8 @@ impl Head {
         HeadInput { hidden, logarithm }
     }
 
-    /// Values `[places, N + 1]`, the constant or the mean first, at positions (u, v) of an image of `size` (height,
-    /// width).
+    /// Returns values `[places, N + 1]`, first the constant or the map that replaces it, at positions (u, v) of an image of
+    /// `size` (height, width).
     pub(super) fn at(
         &self,
         input: &HeadInput,
@@ -211,7 +211,7 @@ impl Head {
         });
     }
 
-    /// A grid with these positions, and the row and column of each.
+    /// Returns a grid with these positions, and the row and column of each.
     fn cells(
         &self,
         features: (usize, usize),
@@ -223,7 +223,7 @@ impl Head {
         };
         let mut all = places.iter();
         if all.all(|&[u, v]| centred(u, size.1) && centred(v, size.0)) {
-            // The grid of all pixels, which `combine` uses as well.
+            // The grid of all pixels, which `combine` also uses.
             let grid = self.grids.get(&self.positions, features, size);
             let cells = places.iter().map(|&[u, v]| (v as usize, u as usize));
             return (grid, cells.collect());
@@ -236,8 +236,8 @@ impl Head {
         (Arc::new(grid), cells.collect())
     }
 
-    /// Bases x weights at every pixel: the weights are folded into the last layer, so that the
-    /// basis functions are never formed.
+    /// Returns the weighted sum of the basis functions at every pixel. The weights are folded into the last layer, so the basis
+    /// functions are never computed.
     pub(super) fn combine(
         &self,
         input: &HeadInput,
@@ -287,7 +287,7 @@ impl Head {
         depths
     }
 
-    /// The first function at cells of a grid, whose last hidden layer this is; false if it is the constant 1.
+    /// Computes the first function at cells of a grid from this last hidden layer; false if it is the constant 1.
     fn first_function(
         &self,
         input: &HeadInput,
@@ -312,7 +312,7 @@ impl Head {
         true
     }
 
-    /// Floats that `activations` needs for a number of pixels.
+    /// Returns the number of floats that `activations` needs for this number of pixels.
     fn memory(&self, pixels: usize) -> usize {
         pixels
             * (self.features.columns()
@@ -320,7 +320,7 @@ impl Head {
                 + self.hidden.iter().map(Packed::columns).sum::<usize>())
     }
 
-    /// The last hidden layer `[blends, width]` from the first one before its ReLU.
+    /// Computes the last hidden layer `[blends, width]` from the first one before its ReLU.
     fn activations<'a, 'b, const N: usize, const T: usize>(
         &self,
         blends: impl ExactSizeIterator<Item = Blend<'b, N, T>>,
@@ -336,7 +336,7 @@ impl Head {
                 skip: None,
                 relu: true,
             };
-            // Behind a ReLU, many values are 0.
+            // Many values are 0 after a ReLU.
             layer.apply_sparse(x, tail, output);
             (x, remaining) = (output, others);
         }

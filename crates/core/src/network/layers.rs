@@ -19,8 +19,8 @@ pub struct NetworkLayers<L> {
 }
 
 impl<L> NetworkLayers<L> {
-    /// The layers of a network from the tensors of a weights file, and the weights of its MLP. A network on an encoder needs
-    /// the sizes of this.
+    /// Prepares the layers of a network from the tensors of a weights file, and the weights of its MLP. A network with an
+    /// encoder needs the sizes of the encoder.
     ///
     /// # Errors
     /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, a missing encoder, and networks
@@ -43,7 +43,7 @@ impl<L> NetworkLayers<L> {
         Ok(layers)
     }
 
-    /// `channels` are those of the encoder's features, if there is an encoder.
+    /// `channels` is the number of channels of the encoder's features, if there is an encoder.
     pub(super) fn of(
         config: &NetworkConfig,
         channels: Option<usize>,
@@ -62,7 +62,7 @@ impl<L> NetworkLayers<L> {
         Ok((layers, HeadWeights::new(config, tensors)?))
     }
 
-    /// The features of a normalised image, given those of the encoder if there is one.
+    /// Returns the features of a normalised image, given those of the encoder if there is one.
     pub fn features<M: Clone>(
         &self,
         image: &M,
@@ -72,7 +72,7 @@ impl<L> NetworkLayers<L> {
         self.extractor.forward(image, encoded, executor)
     }
 
-    /// The changes of the affinities that follow from the colours, `[height, width, CHANGES]`; nothing without an affinity
+    /// Returns the network's modifications of the colour affinities, `[height, width, CHANGES]`; `None` without an affinity
     /// network.
     pub fn affinity_changes<M: Clone>(
         &self,

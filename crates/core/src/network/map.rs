@@ -6,7 +6,7 @@ use lsdc_kernels::simd::{Buffer, Level};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex};
 
-/// Values `[height, width, channels]`, whose memory returns to its pool when the map is dropped.
+/// Values `[height, width, channels]`; the memory returns to its pool when the map is dropped.
 #[derive(Debug, Default)]
 pub(super) struct Map {
     pub(super) values: Buffer,
@@ -36,7 +36,7 @@ impl Map {
             .copy(&self.values, self.height, self.width, channels)
     }
 
-    /// The map enlarged bilinearly to a height and width.
+    /// Upsamples the map bilinearly to a height and width.
     pub(super) fn enlarged(&self, height: usize, width: usize) -> Self {
         let mut enlarged = self.pool.take(height, width, self.channels());
         enlarged.values.fill(0.0);
@@ -44,7 +44,7 @@ impl Map {
         enlarged
     }
 
-    /// The value at pixel (y, x) of the map enlarged bilinearly to a height and width.
+    /// Returns the value at pixel (y, x) of the map upsampled bilinearly to a height and width.
     #[inline(always)]
     pub(super) fn enlarged_pixel(
         &self,
@@ -65,7 +65,7 @@ impl Map {
         }
     }
 
-    /// Adds a map of the same channels, enlarged bilinearly.
+    /// Adds a map with the same channels, upsampled bilinearly.
     pub(super) fn add_enlarged(&mut self, map: &Self) {
         let (height, width, channels) = (self.height, self.width, self.channels());
         let level = Level::here();
@@ -85,15 +85,15 @@ impl Map {
     }
 }
 
-/// Memory of dropped maps for reuse: fresh pages cost as much time as a layer. Clones share it.
+/// Memory of dropped maps for reuse: allocating fresh pages takes as long as a layer. Clones share it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pool(Arc<Mutex<Vec<Buffer>>>);
 
-/// The most free buffers in a pool: as many as are in use at once.
+/// Largest number of free buffers in a pool: as many as are in use at once.
 const CAPACITY: usize = 8;
 
 impl Pool {
-    /// A map of any values.
+    /// Returns a map with arbitrary values.
     pub(super) fn take(&self, height: usize, width: usize, channels: usize) -> Map {
         let length = height * width * channels;
         let mut values = self.find(length).unwrap_or_default();
@@ -106,14 +106,14 @@ impl Pool {
         }
     }
 
-    /// A map of these values.
+    /// Returns a map with these values.
     pub(super) fn copy(&self, values: &[f32], height: usize, width: usize, channels: usize) -> Map {
         let mut map = self.take(height, width, channels);
         map.values.copy_from_slice(values);
         map
     }
 
-    /// The shortest buffer that suffices.
+    /// Returns the shortest buffer that is long enough.
     fn find(&self, length: usize) -> Option<Buffer> {
         let mut free = self.0.lock().ok()?;
         let fitting = free
@@ -131,7 +131,7 @@ impl Pool {
         }
     }
 
-    /// Takes a buffer back; of more than [`CAPACITY`] buffers, the smallest is freed.
+    /// Returns a buffer to the pool; if there are more than [`CAPACITY`] buffers, the smallest is freed.
     fn give(&self, values: Buffer) {
         if let Ok(mut free) = self.0.lock() {
             free.push(values);

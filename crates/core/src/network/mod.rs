@@ -1,10 +1,9 @@
-//! From an image to basis functions and affinities: the trained network, prepared for the CPU. Depths are no input
-//! of it.
+//! The trained network that computes basis functions and affinities from an image, prepared for the CPU. Depths are not an
+//! input.
 //!
-//! Normalisation is folded into the weights; bias, skip connection and ReLU are folded into the kernels;
-//! layers pass on maps `[height, width, channels]`. No full-resolution intermediate is ever
-//! stored whole: the first layer of the MLP is applied before enlargement, which commutes with it, and the
-//! weights of the fit are folded into the last layer.
+//! Normalisation is folded into the weights; bias, skip connection and ReLU are folded into the kernels; layers pass on maps
+//! `[height, width, channels]`. No full-resolution intermediate is ever stored as a whole: the first layer of the MLP is
+//! applied before upsampling, which commutes with it, and the weights of the fit are folded into the last layer.
 
 mod affinity_net;
 mod backbone;
@@ -54,33 +53,32 @@ use workspace::Workspace;
 
 /// A network that turns an image into basis functions and affinities.
 pub trait Network: Debug + Send + Sync {
-    /// The forward pass of a normalised image `[height, width, 3]` of `size` (height, width), as far as basis functions and
-    /// affinities share it.
+    /// Runs the part of the forward pass that basis functions and affinities share, on a normalised image `[height, width, 3]`
+    /// of `size` (height, width).
     ///
     /// # Errors
     /// An image that cannot be encoded.
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error>;
 
-    /// The sizes of the pretrained encoder, if the network reads one.
+    /// The sizes of the pretrained encoder, if the network uses one.
     fn published_encoder(&self) -> Option<&EncoderConfig> {
         None
     }
 
-    /// Frees memory that is kept for further images.
+    /// Frees cached memory.
     fn release(&self) {}
 }
 
-/// The two parts of the forward pass of one image, which can run side by side.
+/// The two parts of the forward pass of one image, which can run in parallel.
 pub trait Forward: Debug + Send + Sync {
     /// The basis functions.
     fn basis(&self) -> Box<dyn Basis>;
 
-    /// The affinities of each pixel with its right and lower neighbour, `[height, width, 2]`, and the height
-    /// and width.
+    /// The affinities of each pixel to its right and lower neighbour, `[height, width, 2]`, and the height and width.
     fn affinities(&self) -> (Vec<f32>, (usize, usize));
 
-    /// The relative inverse depth that the depth head of the encoder predicts, and its height and width, where the device that
-    /// the network runs on has the head too.
+    /// The relative inverse depth predicted by the depth head of the encoder, and its height and width, if the network's device
+    /// also runs the head.
     fn published_depths(&self) -> Option<(Vec<f32>, (usize, usize))> {
         None
     }
@@ -97,8 +95,8 @@ pub trait Basis: Debug + Send + Sync {
     /// function is the constant 1. Position (0, 0) is the centre of the first pixel.
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32>;
 
-    /// Basis functions x weights (N + 1 of them), at every pixel of the image at `size`. A device that has failed
-    /// returns NaN here and elsewhere, which is an error of completions.
+    /// The weighted sum of the basis functions (N + 1 weights) at every pixel of the image at `size`. A device that has failed
+    /// returns NaN here and elsewhere, which completions report as an error.
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32>;
 }
 
@@ -115,7 +113,7 @@ struct Inner {
 }
 
 impl CpuNetwork {
-    /// Prepares a network from the tensors of a weights file, on top of an encoder if it was trained on one.
+    /// Prepares a network from the tensors of a weights file, with an encoder if it was trained with one.
     ///
     /// # Errors
     /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, a missing encoder,
@@ -177,7 +175,7 @@ impl Network for CpuNetwork {
     }
 }
 
-/// An image, and the features of the encoder.
+/// An image, and its features from the encoder.
 #[derive(Debug)]
 struct CpuForward {
     network: CpuNetwork,
@@ -188,7 +186,7 @@ struct CpuForward {
 impl Forward for CpuForward {
     fn basis(&self) -> Box<dyn Basis> {
         let inner = &*self.network.0;
-        // On a thread of the pool, or each of some sixty layers would wake and await it anew.
+        // Run on a thread of the pool, to avoid waking and waiting for the pool in each of about sixty layers.
         let input = rayon::scope(|_| {
             let (image, encoded) = (&self.image, self.encoded.as_ref());
             let output = inner.layers.features(image, encoded, &inner.workspace);
@@ -222,7 +220,7 @@ impl Forward for CpuForward {
     }
 }
 
-/// The basis functions of an image: cheap to read anywhere, again and again.
+/// The basis functions of an image, which can be evaluated repeatedly at any positions.
 #[derive(Debug)]
 struct CpuBasis {
     network: CpuNetwork,

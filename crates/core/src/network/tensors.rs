@@ -10,11 +10,11 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// Tensors, and which of them have been used.
+/// Tensors, and a record of those that have been used.
 pub(super) struct Tensors<'a, P = Level> {
     all: &'a BTreeMap<String, Tensor>,
     used: RefCell<BTreeSet<&'a str>>,
-    /// What layers are prepared for.
+    /// The target that layers are prepared for.
     pub(super) target: P,
 }
 
@@ -25,7 +25,7 @@ pub struct LinearWeights {
     pub columns: usize,
     /// Weights `[inputs, columns]`.
     pub values: Vec<f32>,
-    /// One for each output.
+    /// One value for each output.
     pub bias: Vec<f32>,
 }
 
@@ -35,7 +35,7 @@ impl LinearWeights {
         self.values.len() / self.columns.max(1)
     }
 
-    /// Some rows, with a bias of their own.
+    /// Packs some rows, with another bias.
     pub(super) fn packed(&self, level: Level, rows: Range<usize>, bias: &[f32]) -> Packed {
         let at =
             |row: usize, column: usize| self.values[(rows.start + row) * self.columns + column];
@@ -52,7 +52,7 @@ impl<'a, P: Prepare> Tensors<'a, P> {
         }
     }
 
-    /// The values of a tensor of that shape.
+    /// Returns the values of a tensor with this shape.
     pub(super) fn values(&self, name: &str, shape: &[usize]) -> Result<&'a [f32], WeightsError> {
         let (name, tensor) = self
             .all
@@ -67,14 +67,14 @@ impl<'a, P: Prepare> Tensors<'a, P> {
         Ok(tensor.values())
     }
 
-    /// A tensor that may be there and is not needed.
+    /// Marks an optional tensor that is not needed as used.
     pub(super) fn ignore(&self, name: &str) {
         if let Some((name, _)) = self.all.get_key_value(name) {
             self.used.borrow_mut().insert(name);
         }
     }
 
-    /// Whether every tensor was used.
+    /// Checks that every tensor was used.
     pub(super) fn check_all_used(&self) -> Result<(), WeightsError> {
         let used = self.used.borrow();
         match self.all.keys().find(|name| !used.contains(name.as_str())) {
@@ -83,7 +83,7 @@ impl<'a, P: Prepare> Tensors<'a, P> {
         }
     }
 
-    /// Slopes and offsets of the channels of a batch normalisation with its running statistics.
+    /// Returns slopes and offsets of the channels of a batch normalisation with its running statistics.
     fn batch_norm(
         &self,
         name: &str,
@@ -100,7 +100,7 @@ impl<'a, P: Prepare> Tensors<'a, P> {
         Ok((0..channels).map(affine).unzip())
     }
 
-    /// A convolution alone.
+    /// Prepares a convolution alone.
     pub(super) fn conv(
         &self,
         name: &str,
@@ -113,7 +113,7 @@ impl<'a, P: Prepare> Tensors<'a, P> {
         Ok(self.target.layer(values, sizes, &[], spec))
     }
 
-    /// A convolution and the normalisation behind it, as one.
+    /// Prepares a convolution and the normalisation after it as one convolution.
     pub(super) fn conv_norm(
         &self,
         name: &str,
@@ -134,7 +134,7 @@ impl<'a, P: Prepare> Tensors<'a, P> {
         Ok(self.target.layer(&values, sizes, &bias, spec))
     }
 
-    /// A linear map and the normalisation behind it, as one.
+    /// Prepares a linear map and the normalisation after it as one linear map.
     pub(super) fn linear_norm(
         &self,
         name: &str,

@@ -1,4 +1,4 @@
-//! The layers of a network on the CPU, and the memory that they share.
+//! The layers of a network on the CPU, and their shared memory.
 
 use super::executor::Executor;
 use super::map::{Map, Pool};
@@ -16,7 +16,7 @@ pub(super) struct Workspace {
 }
 
 impl Workspace {
-    /// The output of a layer, to which `skip` is added before the ReLU.
+    /// Returns the output of a layer; `skip` is added before the ReLU.
     pub(super) fn layer(&self, layer: &Layer, x: &Map, skip: Option<&Map>, relu: bool) -> Map {
         let size = [1, x.height, x.width];
         let shape = layer.shape(size);
@@ -30,7 +30,7 @@ impl Workspace {
         output
     }
 
-    /// Frees the memory that is not in use.
+    /// Frees the unused memory.
     pub(super) fn clear(&self) {
         self.scratch.clear();
         self.pool.clear();
@@ -72,7 +72,7 @@ impl Executor for Workspace {
     }
 }
 
-/// Concatenates the channels of all maps, the branches enlarged bilinearly.
+/// Concatenates the channels of all maps; branches are upsampled bilinearly.
 fn concatenated(raw: &Map, skip: &Map, branches: &[Arc<Map>]) -> Map {
     let own = [raw, skip].map(Map::channels);
     let coarser = branches.iter().map(|map| map.channels());
@@ -104,7 +104,7 @@ fn concatenated(raw: &Map, skip: &Map, branches: &[Arc<Map>]) -> Map {
     all
 }
 
-/// Means over windows of `size` pixels, cut off at the end.
+/// Returns means over windows of `size` pixels; windows are cropped at the end.
 fn averages(map: &Map, size: usize) -> Map {
     let (height, width) = (map.height.div_ceil(size), map.width.div_ceil(size));
     let channels = map.channels();

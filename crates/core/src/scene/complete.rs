@@ -1,4 +1,4 @@
-//! Fits to the image of a scene: from observations to a completion.
+//! Fits to the image of a scene, from observations to a completion.
 
 use super::Scene;
 use crate::completion::Completion;
@@ -8,15 +8,15 @@ use crate::observations::Observations;
 use crate::usable::UsableObservations;
 use lsdc_kernels::clock::Instant;
 
-/// How much closer the weights are expected to be to those of the previous frame than to those of an
-/// arbitrary image, as a ratio of variances.
+/// Expected closeness of the weights to those of the previous frame, relative to those of an arbitrary image, as a ratio of
+/// variances.
 const CLOSER: f64 = 10.0;
 
 impl Scene {
     /// Fits the basis functions of the image to observations of its depth.
     ///
-    /// Observations outside the image, or whose depth or standard deviation is not between 1e-15 and 1e15,
-    /// are left out; the [report](Completion::report) counts them.
+    /// Observations outside the image, or whose depth or standard deviation is not between 1e-15 and 1e15, are skipped; the
+    /// [report](Completion::report) counts them.
     ///
     /// # Errors
     /// No usable observation, or a damaged network.
@@ -47,8 +47,8 @@ impl Scene {
         self.complete_with(observations, None, false)
     }
 
-    /// The same where no other fit to the image follows: what only others need is given back, and is computed again
-    /// if one does.
+    /// Like [`Self::complete`], if no other fit to the image follows: data that only further fits need is freed, and is
+    /// recomputed if one does follow.
     ///
     /// # Errors
     /// As for [`Self::complete`].
@@ -57,9 +57,8 @@ impl Scene {
         self.complete_with(observations, None, true)
     }
 
-    /// The same, but with a prior centred on the weights of another fit, up to their scale: for the next
-    /// frame of a video. `weights` are [those](Completion::weights) of the previous frame, at the same
-    /// [quality](crate::Quality).
+    /// Like [`Self::complete`], with a prior centred on the weights of another fit, up to their scale: for the next frame of a
+    /// video. `weights` are [those](Completion::weights) of the previous frame, at the same [quality](crate::Quality).
     ///
     /// # Errors
     /// As for [`Self::complete`]; weights files without a prior, or weights of other basis functions.
@@ -82,7 +81,7 @@ impl Scene {
         self.fitted(usable, previous_weights, transient, started)
     }
 
-    /// The fit of usable observations, and, if there is a scene of the mirror image, of theirs in it.
+    /// Fits usable observations, and their mirror images if there is a scene of the mirror image.
     fn fitted(
         &self,
         usable: UsableObservations,
@@ -120,7 +119,7 @@ impl Scene {
         });
         let centred_on = centred_on.transpose()?;
         let prior = centred_on.as_ref().or(inner.completer.prior());
-        // On a thread of the pool, which need not be awaited for each step.
+        // Run on a thread of the pool, to avoid waiting for the pool at each step.
         let found = inner.completer.run(|| {
             rayon::scope(|_| {
                 let rows = inner.bases_at_points(&usable, config.robust.is_some());
@@ -140,7 +139,7 @@ impl Scene {
             })
         });
         let (fit, field, solve) = found.map_err(|error| match error {
-            // What was left out, and why, is known here.
+            // The reasons for skipped observations are only available here.
             crate::Error::Fit(FitError::NoObservations { .. }) => usable.no_observations().into(),
             other => other,
         })?;

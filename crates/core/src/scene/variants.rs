@@ -43,8 +43,8 @@ impl Scene {
         })
     }
 
-    /// The same scene with other settings of the fit: the network does not run again, and completions are those of a
-    /// scene that was made with these settings, to the bit.
+    /// The same scene with other settings of the fit, without running the network again. Completions are bitwise equal to those
+    /// of a scene that was made with these settings.
     ///
     /// # Errors
     /// Settings that are out of range; a field in a scene that was made for basis functions alone.
@@ -71,7 +71,7 @@ impl Scene {
         fit.check()?;
         let inner = &*self.0;
         let before = inner.completer.fit_config().method;
-        // Only a fit with a field keeps how depth is read in a larger image.
+        // Only a fit with a field keeps the interpolation of depth in a larger image.
         if fit.method.has_field() && !before.has_field() {
             let what = "this scene was made for basis functions alone, without a field";
             return Err(SettingsError::new(what)
@@ -88,7 +88,7 @@ impl Scene {
         let mirror = mirror.map(|mirror| mirror.with_fit(fit)).transpose()?;
         let completer = inner.completer.with_fit(fit);
         let mut depth_guide = inner.depth_guide.clone();
-        // Nothing was predicted for a field alone, which takes no guide.
+        // No guide was predicted for a field alone, which uses none.
         if depth_guide.is_none() && before == FitMethod::Field && !same {
             let predict = || predicted_guide(&completer, &*inner.forward);
             depth_guide = completer.run(predict)?;
@@ -96,8 +96,8 @@ impl Scene {
         Ok(self.with_settings(completer, depth_guide, guided_affinities, mirror))
     }
 
-    /// The same scene with another prediction of its depth by other means, or none (see
-    /// [`Completer::guided_scene`]), not even that of a [depth head](Completer::has_depth_head): the network does not run
+    /// The same scene with another dense prediction of its depth by other means, or with none (see
+    /// [`Completer::guided_scene`]), not even that of a [depth head](Completer::has_depth_head). The network does not run
     /// again.
     #[must_use]
     pub fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
@@ -113,7 +113,7 @@ impl Scene {
         self.with_settings(completer, guide.cloned(), OnceLock::new(), mirror)
     }
 
-    /// The same scene at [`Quality::Standard`]: completions are single fits.
+    /// Returns the same scene at [`Quality::Standard`]: completions are single fits.
     pub(crate) fn without_mirror(&self) -> Self {
         let inner = &*self.0;
         self.with_settings(
@@ -124,7 +124,7 @@ impl Scene {
         )
     }
 
-    /// The network's output of this scene, for other fits to the same image.
+    /// Returns a scene with the network's output of this one, for other fits to the same image.
     fn with_settings(
         &self,
         completer: Completer,

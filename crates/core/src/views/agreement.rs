@@ -1,4 +1,4 @@
-//! Whether the points of other views agree with the completion by an image's own points.
+//! Consistency of the points of other views with the completion by the image's own points.
 
 use super::carry::Carried;
 use super::report::{ViewOutcome, ViewReport};
@@ -9,24 +9,24 @@ use crate::fit::student_t::{ONE_DEVIATION, bound, neg_log_likelihood};
 use crate::map::DepthMap;
 use crate::standard_deviation::NORMAL;
 
-/// Points beyond so many standard deviations lie on another surface.
+/// Points that differ by more standard deviations belong to another surface.
 const APART: f64 = 3.0;
-/// The share of points that lie on other surfaces, and the density of their depths relative to that of this surface: uniform
-/// from 0 to twice its depth.
+/// Share of points on other surfaces, and the density of their depths relative to that of this surface: uniform from 0 to twice
+/// its depth.
 const ELSEWHERE: f64 = 0.1;
 const DENSITY: f64 = 0.5;
-/// Relative standard deviations that are tried: the least, the ratio of one to the next, and their number.
+/// Relative standard deviations tested: the smallest, the ratio between successive ones, and their number.
 const LEAST: f64 = 0.002;
 const RATIO: f64 = 1.25;
 const STEPS: i32 = 28;
-/// A deviation is taken to be 0 unless its log-likelihood is larger by this.
+/// Least gain in log-likelihood for a deviation other than 0.
 const EVIDENCE: f64 = 2.0;
-/// A view is left out if its deviation is larger, or if this share of its points contradicts the image.
+/// A view is rejected if its deviation is larger, or if a larger share of its points is in front of the image's surface.
 const LARGEST: f64 = 0.1;
 const CONTRADICTING: f64 = 0.3;
 
-/// The depth of a carried point and its standard deviation, without that of the pose, relative to the depth that the image's
-/// own points predict there.
+/// The difference of a carried point from the depth predicted by the image's own points, and its standard deviation without the
+/// error of the pose, both relative to the predicted depth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Agreement {
     /// Positive if the point is farther away.
@@ -35,13 +35,13 @@ pub(super) struct Agreement {
 }
 
 impl Agreement {
-    /// Whether a point of a view with this deviation of its pose lies on another surface than the completion.
+    /// Whether a point of a view with this pose deviation belongs to another surface than the completion.
     pub(super) fn is_apart(&self, pose_deviation: f64) -> bool {
         self.difference.abs() > APART * self.deviation.hypot(pose_deviation)
     }
 }
 
-/// Estimates the deviation of each view, marks the points that the completion contradicts, and removes all of views that
+/// Estimates the deviation of each view, marks the points that contradict the completion, and removes all points of views that
 /// contradict the image.
 pub(super) fn check(
     alone: &Completion,
@@ -82,7 +82,7 @@ pub(super) fn check(
     Ok(())
 }
 
-/// All carried points beside the completion, in their order.
+/// Compares all carried points with the completion, in their order.
 fn agreements(
     alone: &Completion,
     deviations: &DepthMap,
@@ -114,8 +114,9 @@ fn agreements(
         .collect())
 }
 
-/// The standard deviation, relative to the depth, that points of a view have beside the known ones: the most likely one.
-/// Standardised differences follow Student's t distribution with `freedom` degrees of freedom, or lie on other surfaces.
+/// Returns the maximum-likelihood estimate of the standard deviation, relative to the depth, that the points of a view have in
+/// addition to the known ones. Standardised differences follow Student's t distribution with `freedom` degrees of freedom, or
+/// belong to other surfaces.
 fn pose_deviation(all: &[Agreement], freedom: f64) -> f64 {
     let unit = bound(ONE_DEVIATION, freedom);
     let log_likelihood = |pose: f64| {
@@ -142,7 +143,8 @@ mod tests {
     use super::*;
     use lsdc_rng::Rng;
 
-    /// Points whose differences are normal with a known deviation and one of the pose, and a share on another surface.
+    /// Draws points whose differences are normal with a known deviation and a pose deviation, and a share of points on another
+    /// surface.
     fn points(pose: f64, elsewhere: f32) -> Vec<Agreement> {
         let mut rng = Rng::stream(3, &["agreement"]);
         let point = |_| {
@@ -168,7 +170,7 @@ mod tests {
         for pose in [0.03, 0.1] {
             for elsewhere in [0.0, 0.15] {
                 let found = pose_deviation(&points(pose, elsewhere), NORMAL);
-                // One step of the grid, and the sampling error of 600 points.
+                // Tolerance: one step of the grid, and the sampling error of 600 points.
                 assert!(
                     (found / pose).ln().abs() < 0.25,
                     "{pose} {elsewhere}: {found}"
@@ -185,7 +187,7 @@ mod tests {
         };
         let is_apart = [0.1, 0.08, 0.0, -0.08, -0.1].map(|difference| at(difference).is_apart(0.0));
         assert_eq!(is_apart, [true, false, false, false, true]);
-        // 0.05 with the deviation of the pose.
+        // 0.05 including the deviation of the pose.
         assert!(!at(0.1).is_apart(0.04));
     }
 }

@@ -1,4 +1,4 @@
-//! Points of other views in the image of this one.
+//! Projection of the points of other views into the image of this one.
 
 use super::{PosedView, ViewOutcome, ViewReport};
 use crate::cloud::pixel;
@@ -8,21 +8,21 @@ use std::collections::HashSet;
 /// A point of another view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Carried {
-    /// Its place, depth and standard deviation in this image.
+    /// Its position, depth and standard deviation in this image.
     pub(super) observation: Observation,
-    /// The index of its view, and its own index there.
+    /// The index of its view, and its own index in that view.
     pub(super) view: usize,
     pub(super) index: usize,
     /// Its depth relative to the completion by the image's own points, minus 1.
     pub(super) difference: f64,
-    /// Whether the completion contradicts it.
+    /// Whether it contradicts the completion.
     pub(super) is_doubtful: bool,
-    /// The relative standard deviation of its depth by its measurement and the error of the pose.
+    /// The relative standard deviation of its depth, from its measurement and the error of the pose.
     pub(super) deviation: f64,
 }
 
-/// Every point of the other views that lies in this image, except those that it measures itself. A rigid motion changes no
-/// length: the standard deviation of a depth stays.
+/// Returns every point of the other views that is inside this image, except points that the image measures itself. Standard
+/// deviations of depths are kept, because a rigid motion preserves lengths.
 pub(super) fn carry(
     own: &PosedView,
     others: &[&PosedView],
@@ -57,7 +57,7 @@ pub(super) fn carry(
     carried
 }
 
-/// A point of another view in this image, if it lies there.
+/// Projects a point of another view into this image; `None` if it is outside.
 pub(super) fn seen(own: &PosedView, other: &PosedView, point: &Observation) -> Option<Observation> {
     let depth = f64::from(point.depth);
     if !(depth > 0.0 && depth.is_finite()) {
@@ -74,7 +74,7 @@ pub(super) fn seen(own: &PosedView, other: &PosedView, point: &Observation) -> O
     })
 }
 
-/// Keeps one of the points that several views measured, that of the first of them.
+/// Of points measured by several views, keeps only that of the first view.
 pub(super) fn remove_doubled(
     others: &[&PosedView],
     carried: &mut Vec<Carried>,

@@ -1,9 +1,9 @@
-//! A fit over views: the measured points of neighbouring images with known poses join those of an image.
+//! Multi-view fits: measured points of neighbouring images with known poses are added to those of an image.
 //!
-//! Every carried point is compared with the completion by the image's own points and its standard deviations. For every view, a
-//! relative standard deviation is estimated that stands for the error of its pose, and views that contradict the image are
-//! left out. A point that the completion contradicts stays if points of other views support it. Points behind the surface
-//! that all others span are occluded. At the end the leave-one-out errors of the image's own points decide whether the carried
+//! Every carried point is compared with the completion by the image's own points, using its standard deviations. For every
+//! view, a relative standard deviation is estimated that represents the error of its pose, and views that contradict the image
+//! are rejected. A point that contradicts the completion is kept if points of other views support it. Points behind the surface
+//! spanned by all others are occluded. Finally, the leave-one-out errors of the image's own points decide whether the carried
 //! points help.
 
 mod agreement;
@@ -27,18 +27,18 @@ pub use neighbours::neighbours;
 pub use report::{ViewOutcome, ViewReport, ViewsOutcome, ViewsReport};
 use std::sync::Arc;
 
-/// A camera at its place in the world, whatever its model.
+/// A camera with its pose in the world, for any camera model.
 ///
-/// [`Camera`] implements it; others do if their images are stored turned, for example.
+/// Implemented by [`Camera`]; implement it for other cameras, for example if images are stored rotated.
 pub trait Projection: Send + Sync {
-    /// The pixel (column, row) and depth of a point of the world; `None` where the camera does not see.
+    /// The pixel (column, row) and depth of a point of the world; `None` outside the field of view.
     fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)>;
 
-    /// The point of the world at a pixel (column, row) and depth; `None` outside the field of view. At depth 0 it is the
+    /// The point of the world at a pixel (column, row) and depth; `None` outside the field of view. At depth 0, it is the
     /// centre of the camera.
     fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]>;
 
-    /// Checks the numbers of the camera and its pose.
+    /// Checks the parameters of the camera and its pose.
     ///
     /// # Errors
     /// As for [`Camera::check`].
@@ -59,7 +59,7 @@ impl Projection for Camera {
     }
 }
 
-/// The measured points of one image of a sequence, and the camera at its place. Poses and depths have the same unit.
+/// The measured points of one image of a sequence, and its camera with pose. Poses and depths have the same unit.
 ///
 /// Cheap to clone.
 #[derive(Clone)]
@@ -67,7 +67,7 @@ pub struct PosedView {
     camera: Arc<dyn Projection>,
     width: usize,
     height: usize,
-    /// The direction of the optical axis, of length 1.
+    /// The direction of the optical axis, a unit vector.
     axis: Option<[f64; 3]>,
     points: Arc<Points>,
 }
@@ -79,7 +79,7 @@ struct Points {
 }
 
 impl std::fmt::Debug for PosedView {
-    /// Without the numbers, of which there are thousands.
+    /// Omits the values, of which there are thousands.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("PosedView")
             .field("width", &self.width)
@@ -93,7 +93,7 @@ impl PosedView {
     /// A view of an image of `width` x `height` pixels.
     ///
     /// # Errors
-    /// An implausible size, or a camera with [numbers that cannot be](Camera::check).
+    /// An implausible size, or a camera with [invalid parameters](Camera::check).
     pub fn new(
         camera: impl Projection + 'static,
         width: usize,
@@ -114,11 +114,11 @@ impl PosedView {
         })
     }
 
-    /// The same with an identity for every observation: those of several views with the same one are measurements of the
-    /// same point, as in a model of structure from motion, and are counted once.
+    /// The same view with an identifier for every observation: observations of several views with the same identifier are
+    /// measurements of the same point, as in a structure-from-motion model, and are counted once.
     ///
     /// # Errors
-    /// Another number of identities than of observations.
+    /// The number of identifiers does not match the observations.
     pub fn with_ids(self, ids: Vec<u64>) -> Result<Self> {
         let observations = self.points.observations.clone();
         if ids.len() != observations.len() {
@@ -132,12 +132,12 @@ impl PosedView {
         })
     }
 
-    /// Its measured points.
+    /// The measured points of this view.
     pub fn observations(&self) -> &Observations {
         &self.points.observations
     }
 
-    /// The points within the image that have a depth.
+    /// Returns the points with a depth inside the image.
     fn points_inside(&self) -> Vec<Observation> {
         let points = self.observations().iter().copied();
         let inside = |point: &Observation| {
@@ -156,14 +156,14 @@ impl PosedView {
     }
 }
 
-/// Which views are neighbours, and how many points are carried over.
+/// The choice of neighbours, and the limit of carried points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ViewSettings {
-    /// The most neighbours of an image.
+    /// Largest number of neighbours of an image.
     pub count: usize,
-    /// Whether only earlier views are neighbours, as online.
+    /// Whether only earlier views are neighbours, as in online use.
     pub only_past: bool,
-    /// The most points that are carried over from all neighbours.
+    /// Largest number of points carried over from all neighbours.
     pub max_points: usize,
 }
 
@@ -178,21 +178,21 @@ impl Default for ViewSettings {
     }
 }
 
-/// The carried points join only if the image's own points are predicted better with them by so many standard errors. Chosen on
+/// Least gain, in standard errors, of the prediction of the image's own points for which carried points are used. Chosen on
 /// procedural rooms: with 0, wrong poses and 50 points raised the RMSE by 3 %.
 const BETTER: f64 = 2.0;
 
 impl Scene {
     /// Fits the basis functions of the image to its own observations together with the points of other views, at most
-    /// `max_points` of them. `others` are best [`neighbours`], the closest first. Also returns which of the others were used,
-    /// and what became of their points.
+    /// `max_points` of them. `others` should be [`neighbours`], the closest first. Also returns a report on the use of each
+    /// view and its points.
     ///
     /// A carried point keeps its own standard deviation, if it is known. Only measured points are carried, each once, never
-    /// completed depths: nothing is counted twice. There are two fits, to the own points and to all, or three; without others, the
-    /// result is that of [`Self::complete`].
+    /// completed depths, so that no measurement counts twice. There are two or three fits: first to the own points, then to
+    /// all. Without other views, the result is that of [`Self::complete`].
     ///
     /// # Errors
-    /// A view of another size than the image, and as for [`Self::complete`].
+    /// The size of a view differs from that of the image, and as for [`Self::complete`].
     ///
     /// ```
     /// # #[cfg(feature = "weights")]
@@ -252,7 +252,7 @@ impl Scene {
         }
         let mut together = self.complete(&joined(own, &carried))?;
         let mut judgement = self.judge(own, &alone, &together);
-        // Where something moved that no own point shows, what the image contradicts is not seen there.
+        // No gain indicates motion between the image's own points: remove the points that contradict the completion.
         if carried.iter().any(|point| point.is_doubtful) && !judgement.is_better() {
             support::remove_doubtful(&mut carried, &mut report.views);
             if carried.is_empty() {
@@ -273,7 +273,7 @@ impl Scene {
         Ok((together, report))
     }
 
-    /// How well the other points predict the image's own points with the carried ones and without.
+    /// Compares how well the image's own points are predicted with and without the carried points.
     fn judge(&self, own: &PosedView, alone: &Completion, together: &Completion) -> Judgement {
         let points = own.observations().as_slice();
         let relative = |errors: Vec<f64>| -> Vec<f64> {
@@ -295,13 +295,13 @@ impl Scene {
     }
 }
 
-/// How the leave-one-out errors of the image's own points change with the carried points.
+/// The change of the leave-one-out errors of the image's own points due to the carried points.
 struct Judgement {
-    /// Means, relative to the depths, without and with them; none without enough points.
+    /// Means relative to the depths, without and with carried points; `None` without enough points.
     errors: Option<[f64; 2]>,
-    /// The gain over its standard error.
+    /// The gain divided by its standard error.
     standard_errors: f64,
-    /// Whether the root mean square rises: a few points behind something that is not there.
+    /// Whether the root mean square increases, as with a few points behind a surface that no longer exists.
     are_large_ones_larger: bool,
 }
 
@@ -311,7 +311,7 @@ impl Judgement {
     }
 }
 
-/// What points say, unless there are too few of them.
+/// Returns the result of points; `None` if there are too few of them.
 fn known<T>(found: Result<T>) -> Result<Option<T>> {
     match found {
         Ok(found) => Ok(Some(found)),
@@ -320,7 +320,7 @@ fn known<T>(found: Result<T>) -> Result<Option<T>> {
     }
 }
 
-/// The observations of the image, then the carried ones.
+/// Returns the observations of the image, followed by the carried ones.
 ///
 /// Errors of poses are not added to their standard deviations: with poses off by up to 2 cm and 0.6°, this changed the RMSE by
 /// less than 1 %, and doubled the time of the fit.

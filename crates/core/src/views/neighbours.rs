@@ -1,25 +1,25 @@
-//! Which views of a sequence see the same.
+//! Views of a sequence with overlapping fields of view.
 
 use super::carry::seen;
 use super::{PosedView, Projection, ViewSettings};
 
-/// Points of a view that are tried.
+/// Number of points of a view that are projected.
 const TRIED: usize = 64;
-/// A neighbour shares at least this part of its view.
+/// Least overlap of neighbours.
 const LEAST: f64 = 0.05;
 
-/// The indices of the views that share most with that of `index`, best first: by the smaller of both shares of points that
-/// the other sees, occlusion aside, times the cosine of the angle between the optical axes. Of equals the nearest in the
-/// sequence is first. Views that share less than a twentieth are none.
+/// The indices of the views with the largest overlap with view `index`, best first. The overlap is the smaller of both shares
+/// of points that are in the other image, ignoring occlusion, times the cosine of the angle between the optical axes. Ties are
+/// ordered by the distance in the sequence. Views with an overlap below a twentieth are not neighbours.
 ///
-/// Views are tried from the nearest in the sequence on, each only until it can no longer be among the best: of thousands,
-/// most cost a comparison of axes or a few points.
+/// Views are tested in the order of their distance in the sequence, and each test ends as soon as the view cannot be among the
+/// best: for most of thousands of views, it only compares axes or projects a few points.
 ///
 /// # Panics
-/// An index that is none of a view.
+/// The index is out of range.
 pub fn neighbours(views: &[PosedView], index: usize, settings: &ViewSettings) -> Vec<usize> {
     let own = &views[index];
-    // The nearest first: of equals, later ones come after.
+    // Nearest first: a later view follows earlier ones with the same overlap.
     let mut found: Vec<(f64, usize)> =
         Vec::with_capacity(settings.count.saturating_add(1).min(views.len()));
     let ahead = views.len() - 1 - index;
@@ -45,7 +45,7 @@ pub fn neighbours(views: &[PosedView], index: usize, settings: &ViewSettings) ->
     found.into_iter().map(|(_, other)| other).collect()
 }
 
-/// How much two views share, if that is more than `most_of_others`, and enough for neighbours.
+/// Returns the overlap of two views; `None` if it is not larger than `most_of_others`, or too small for neighbours.
 fn score(own: &PosedView, other: &PosedView, most_of_others: f64) -> Option<f64> {
     let (a, b) = own.axis.zip(other.axis)?;
     let cosine = a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -61,7 +61,7 @@ fn score(own: &PosedView, other: &PosedView, most_of_others: f64) -> Option<f64>
     Some(cosine * to.min(from))
 }
 
-/// The share of the points of `other` that lie in the image of `own`; `None` as soon as it cannot be enough.
+/// Returns the share of the points of `other` inside the image of `own`; `None` as soon as it cannot be large enough.
 fn share(own: &PosedView, other: &PosedView, is_enough: impl Fn(f64) -> bool) -> Option<f64> {
     let points = other.observations().as_slice();
     let tried = points.iter().step_by(points.len().div_ceil(TRIED).max(1));
@@ -80,7 +80,7 @@ fn share(own: &PosedView, other: &PosedView, is_enough: impl Fn(f64) -> bool) ->
     is_enough(share).then_some(share)
 }
 
-/// The direction of the optical axis of an image of `size` (width, height), of length 1.
+/// Returns the direction of the optical axis of an image of `size` (width, height), a unit vector.
 pub(super) fn axis(camera: &dyn Projection, (width, height): (usize, usize)) -> Option<[f64; 3]> {
     let middle = [width, height].map(|length| 0.5 * (length as f64 - 1.0));
     let [from, to] = [0.0, 1.0].map(|depth| camera.unproject(middle, depth));

@@ -1,4 +1,4 @@
-//! Carried points behind the surface that the points around them span.
+//! Removal of carried points behind the surface spanned by the points around them.
 
 use super::carry::Carried;
 use super::report::ViewReport;
@@ -8,9 +8,10 @@ use crate::error::Result;
 use crate::fit::{Changes, FitMethod};
 use crate::scene::Scene;
 
-/// Removes the carried points farther away than all other points predict, by the leave-one-out errors of a fit of the basis
-/// functions alone, which costs a tenth of the fit that follows. Occluded points are few among points of all views, so
-/// that the others outweigh them. Points in front of their prediction are kept: edges of what is near.
+/// Removes the carried points that are farther away than predicted by all other points, according to the leave-one-out errors
+/// of a fit of the basis functions alone. This takes a tenth of the time of the fit that follows. Occluded points are a
+/// minority among the points of all views, so that the others outweigh them. Points in front of their prediction are kept,
+/// because they may be edges of nearer surfaces.
 pub(super) fn remove(
     scene: &Scene,
     own: &PosedView,

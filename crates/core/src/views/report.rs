@@ -1,17 +1,17 @@
-//! What became of the points of other views.
+//! Reports on the use of the points of other views.
 
 use super::PosedView;
 use super::carry::Carried;
 
-/// What became of the points of other views.
+/// A report on the use of the points of other views.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ViewsReport {
     /// Whether carried points joined the fit.
     pub outcome: ViewsOutcome,
-    /// One for each of the other views, in their order.
+    /// One report for each of the other views, in order.
     pub views: Vec<ViewReport>,
-    /// The mean relative leave-one-out error of the image's own points, without and with the carried ones.
+    /// The mean relative leave-one-out error of the image's own points, without and with the carried points.
     pub errors: Option<[f64; 2]>,
 }
 
@@ -19,18 +19,18 @@ pub struct ViewsReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ViewsOutcome {
-    /// They did.
+    /// Carried points were used.
     Used,
-    /// No point of another view is left to join.
+    /// No point of another view remains.
     NoPoints,
-    /// The image has too few points of its own to check others.
+    /// The image has too few own points to check others.
     TooFewPoints,
-    /// They did not, because the image's own points are not predicted clearly better with them.
+    /// The carried points were rejected, because the image's own points are not predicted clearly better with them.
     Rejected,
 }
 
-/// Counts of the points of another view: `points` is the sum of the counts, except in views that are inconsistent, whose
-/// points are counted as occluded and contradicting by the completion alone.
+/// Counts of the points of another view. `points` is the sum of the counts, except in inconsistent views: their points are
+/// counted as occluded and contradicting with respect to the completion alone.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ViewReport {
@@ -40,17 +40,17 @@ pub struct ViewReport {
     pub points: usize,
     /// Number of points outside the image, or without a usable depth.
     pub outside: usize,
-    /// Number of points that the image, or a view before, measured too.
+    /// Number of points that the image, or an earlier view, also measured.
     pub doubled: usize,
-    /// Number of points behind the surface that the image sees, or that the points around them span.
+    /// Number of points behind the visible surface of the image, or behind the surface spanned by the points around them.
     pub occluded: usize,
-    /// Number of points in front of the surface that the image sees: something moved, or the pose is wrong.
+    /// Number of points in front of the visible surface of the image: something moved, or the pose is wrong.
     pub contradicting: usize,
-    /// Number of points that were left out because there are many.
+    /// Number of points dropped to limit their total number.
     pub thinned: usize,
-    /// Number of points that joined the fit, unless all were rejected.
+    /// Number of points used in the fit, unless all were rejected.
     pub carried: usize,
-    /// The estimated standard deviation of the depths by the error of the pose, relative to the depth.
+    /// The estimated standard deviation of the depths due to the error of the pose, relative to the depth.
     pub pose_deviation: f64,
 }
 
@@ -60,14 +60,14 @@ pub struct ViewReport {
 pub enum ViewOutcome {
     /// Its points were carried over.
     Used,
-    /// The image sees none of its points, or measured them itself.
+    /// None of its points is inside the image, or the image measured all of them itself.
     NoOverlap,
     /// It contradicts the image's own points, as with a wrong pose.
     Inconsistent,
 }
 
 impl ViewReport {
-    /// Counts a point that the completion by the image's own points contradicts, by the side where it lies.
+    /// Counts a point that contradicts the completion by the image's own points, as occluded or contradicting.
     pub(super) fn count_doubtful(&mut self, point: &Carried) {
         if point.difference > 0.0 {
             self.occluded += 1;
@@ -97,7 +97,7 @@ impl ViewsReport {
         }
     }
 
-    /// Number of points of other views that joined the fit.
+    /// Number of points of other views used in the fit.
     pub fn carried(&self) -> usize {
         match self.outcome {
             ViewsOutcome::Used => self.views.iter().map(|view| view.carried).sum(),

@@ -1,8 +1,9 @@
-//! Whether measured points around a carried point support it, where the completion by the image's own points does not.
+//! Support for carried points that contradict the completion, from measured points around them.
 //!
-//! That completion is wrong where it missed a surface: a point that it contradicts may be right. Other views measured the
-//! same surface then, with points of their own. Where something moved, own points disagree with the carried points around
-//! them, and the completion is believed everywhere: what moved may be where the image has no point.
+//! The completion by the image's own points is wrong where it missed a surface, so a point that contradicts it may be right. In
+//! this case, other views measured the same surface with points of their own. If something moved, own points disagree with the
+//! carried points around them, and the completion is trusted everywhere, because the moved object may be at pixels without own
+//! points.
 
 use super::PosedView;
 use super::carry::Carried;
@@ -10,20 +11,20 @@ use super::report::ViewReport;
 use crate::nearest::NeighbourGrid;
 use crate::observations::Observation;
 
-/// Relative difference of depths up to which two points may be of one surface, without their standard deviations. In the test
-/// for occlusion, 5 % has the same RMSE on procedural rooms, and one 3 % higher on 7-Scenes; 20 % has one 10 % higher on rooms,
-/// and the same on 7-Scenes.
+/// Relative difference of depths up to which two points may belong to one surface, without their standard deviations. In the
+/// test for occlusion, 5 % has the same RMSE on procedural rooms, and a 3 % higher one on 7-Scenes; 20 % has a 10 % higher one
+/// on rooms, and the same on 7-Scenes.
 pub(super) const SAME_SURFACE: f64 = 0.1;
-/// Standard deviations of both points by which their depths may differ beside that.
+/// Additional tolerance for the difference of two depths, in their combined standard deviations.
 const APART: f64 = 3.0;
-/// The carried points around one of the image's own, and the share that agrees with it unless something moved.
+/// Number of carried points around an own point, and the least share of them that agrees with it unless something moved.
 const AROUND: usize = 8;
 const AGREEING: f64 = 0.25;
-/// The square of the distance within which a point is around another, in those of the mean distance of own points.
+/// Squared radius of the neighbourhood of a point, in units of the squared mean distance between own points.
 const REACH: f64 = 2.0;
 
-/// Removes the carried points that the completion contradicts, unless a point of another view, or of the image, supports
-/// them. All are removed if an own point disagrees with the carried points around it.
+/// Removes the carried points that contradict the completion, unless a point of another view, or of the image, supports them.
+/// All are removed if an own point disagrees with the carried points around it.
 pub(super) fn check(own: &PosedView, carried: &mut Vec<Carried>, views: &mut [ViewReport]) {
     if carried.iter().all(|point| !point.is_doubtful) {
         return;
@@ -43,7 +44,7 @@ pub(super) fn check(own: &PosedView, carried: &mut Vec<Carried>, views: &mut [Vi
     });
 }
 
-/// Removes the carried points that the completion contradicts.
+/// Removes the carried points that contradict the completion.
 pub(super) fn remove_doubtful(carried: &mut Vec<Carried>, views: &mut [ViewReport]) {
     carried.retain(|point| {
         if point.is_doubtful {
@@ -53,7 +54,7 @@ pub(super) fn remove_doubtful(carried: &mut Vec<Carried>, views: &mut [ViewRepor
     });
 }
 
-/// Whether the depth of a point is that of a carried one, as far as their standard deviations tell.
+/// Whether the depths of a carried point and an observation agree within their standard deviations.
 fn agrees(point: &Carried, other: &Observation) -> bool {
     let deviation = point.deviation.hypot(relative_deviation(other));
     let difference = f64::from(other.depth) / f64::from(point.observation.depth) - 1.0;
@@ -66,7 +67,7 @@ pub(super) fn relative_deviation(point: &Observation) -> f64 {
     f64::from(measured) / f64::from(point.depth)
 }
 
-/// The difference from which on a carried point lies on another surface.
+/// Returns the least relative difference from the completion at which a carried point belongs to another surface.
 pub(super) fn tolerance(point: &Carried) -> f64 {
     SAME_SURFACE.hypot(APART * point.deviation)
 }
@@ -86,14 +87,14 @@ fn any_disputed(measured: &[Observation], carried: &[Carried]) -> bool {
         let near = around.nearest(place(point), AROUND);
         let agreeing = near.iter().filter(|(_, index)| {
             let carried = &carried[*index];
-            // The completion passes through own points, and has the slope around them.
+            // The completion interpolates own points, and follows the slope around them.
             carried.difference.abs() < tolerance(carried) || agrees(carried, point)
         });
         (agreeing.count() as f64) < AGREEING * near.len() as f64
     })
 }
 
-/// The points of each view, and last those of the image.
+/// The points of each view, followed by those of the image.
 struct Others {
     views: Vec<(NeighbourGrid, Vec<Observation>)>,
     reach: f64,
@@ -114,7 +115,7 @@ impl Others {
         }
     }
 
-    /// Whether the nearest point of another view agrees with a point.
+    /// Whether the nearest point of another view, or of the image, agrees with a point.
     fn support(&self, point: &Carried) -> bool {
         self.views.iter().enumerate().any(|(view, (grid, points))| {
             let nearest = grid.nearest(place(&point.observation), 1);
@@ -133,7 +134,7 @@ mod tests {
 
     const WALL: f32 = 3.0;
 
-    /// A wall at 3 m, seen by the image at every twelfth pixel.
+    /// Returns a view of a wall at 3 m, measured at every twelfth pixel.
     fn own(depth: impl Fn(usize, usize) -> f32) -> PosedView {
         let camera = Camera::pinhole([80.0; 2], [47.5, 35.5]);
         let places = (6..72)
@@ -144,7 +145,7 @@ mod tests {
         PosedView::new(camera, 96, 72, points).unwrap()
     }
 
-    /// The points of a view at every sixth pixel from the first, beside the wall.
+    /// Returns points of a view at every sixth pixel from the first, with their differences from the wall.
     fn carried(view: usize, first: usize, depth: impl Fn(usize, usize) -> f32) -> Vec<Carried> {
         let places = (first..72)
             .step_by(6)
@@ -164,7 +165,7 @@ mod tests {
         places.enumerate().map(point).collect()
     }
 
-    /// The number of points that are kept, and of those on both sides that are not.
+    /// Returns the number of kept points, and the numbers of removed points on both sides.
     fn checked(own: &PosedView, mut all: Vec<Carried>) -> (usize, [usize; 2]) {
         let mut report = ViewsReport::new(&[own, own]);
         check(own, &mut all, &mut report.views);
@@ -175,7 +176,7 @@ mod tests {
         )
     }
 
-    /// A box between four points of the image, which its completion misses.
+    /// A box between four points of the image, which the completion misses.
     fn with_box(u: usize, v: usize) -> f32 {
         let is_box = (43..54).contains(&u) && (31..42).contains(&v);
         if is_box { 2.0 } else { WALL }
@@ -189,7 +190,7 @@ mod tests {
         assert!(doubtful >= 6, "{doubtful}");
         let all = both.len();
         assert_eq!(checked(&own, both), (all, [0, 0]));
-        // One view alone, as of something that moved.
+        // A single view, as of something that moved.
         let one = [carried(0, 1, with_box), carried(1, 3, |_, _| WALL)].concat();
         let doubtful = one.iter().filter(|point| point.is_doubtful).count();
         assert_eq!(checked(&own, one), (all - doubtful, [doubtful, 0]));
@@ -197,11 +198,11 @@ mod tests {
 
     #[test]
     fn own_points_are_right_where_all_views_disagree() {
-        // Something is there now that was not when the others were taken.
+        // An object is present now that was absent when the other images were taken.
         let moved = |u: usize, v: usize| (30..66).contains(&u) && (18..54).contains(&v);
         let own = own(|u, v| if moved(u, v) { 1.5 } else { WALL });
         let views = [carried(0, 1, |_, _| WALL), carried(1, 3, |_, _| WALL)].concat();
-        // The completion has it at 1.5 m.
+        // The completion is 1.5 m there.
         let against = |point: Carried| {
             let is_there = moved(point.observation.u as usize, point.observation.v as usize);
             let difference = if is_there { 1.0 } else { 0.0 };
@@ -229,7 +230,7 @@ mod tests {
             sigma: Some(0.2),
             ..other
         };
-        // sqrt(0.1^2 + (3 x 0.2 / 3.6)^2) = 0.194 and with the pose 0.21.
+        // sqrt(0.1^2 + (3 x 0.2 / 3.6)^2) = 0.194, and 0.21 with the pose.
         assert!(!agrees(&point, &vague));
         let point = Carried {
             deviation: 0.03,

@@ -5,7 +5,7 @@ const WIDTH: usize = 96;
 const HEIGHT: usize = 72;
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// A camera at a place of the world, turned to the right by an angle.
+/// A camera at a position in the world, rotated to the right by an angle.
 fn camera([x, y, z]: [f64; 3], angle: f64) -> Camera {
     let (sin, cos) = angle.sin_cos();
     let rotation = [[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]];
@@ -13,12 +13,12 @@ fn camera([x, y, z]: [f64; 3], angle: f64) -> Camera {
     Camera::pinhole([80.0, 80.0], [47.5, 35.5]).with_pose(rotation, translation)
 }
 
-/// The depth at a pixel of what a camera sees of a wall with waves, z = `distance` + `height` sin(6 x + 5 y).
+/// Returns the depth at a pixel of a camera's view of a wavy wall, z = `distance` + `height` sin(6 x + 5 y).
 fn depth(camera: &Camera, pixel: [f64; 2], [distance, height]: [f64; 2]) -> f64 {
     let [from, to] = [0.0, 1.0].map(|depth| camera.unproject(pixel, depth).unwrap());
     let along = [0, 1, 2].map(|i| to[i] - from[i]);
     let mut found = distance;
-    // A contraction: waves are less steep than rays.
+    // A contraction, because waves are less steep than rays.
     for _ in 0..100 {
         let [x, y] = [0, 1].map(|i| from[i] + found * along[i]);
         let wave = height * (6.0 * x + 5.0 * y).sin();
@@ -27,7 +27,7 @@ fn depth(camera: &Camera, pixel: [f64; 2], [distance, height]: [f64; 2]) -> f64 
     found
 }
 
-/// Points of a wall, every `step`th pixel from the first.
+/// Returns points of a wall at every `step`th pixel from the first.
 fn wall(camera: &Camera, [first, step]: [usize; 2], shape: [f64; 2]) -> Observations {
     let pixels = (first..WIDTH * HEIGHT).step_by(step);
     let places = pixels.map(|i| [(i % WIDTH) as f64, (i / WIDTH) as f64]);
@@ -36,7 +36,7 @@ fn wall(camera: &Camera, [first, step]: [usize; 2], shape: [f64; 2]) -> Observat
     points
 }
 
-/// The same points, times a factor.
+/// Returns the points of a view with depths scaled by a factor.
 fn times(view: &PosedView, factor: f64) -> Observations {
     let points = view.observations().iter();
     let times = points.map(|point| Observation {
@@ -68,7 +68,7 @@ fn scene() -> Scene {
 
 const SHAPE: [f64; 2] = [3.0, 0.1];
 
-/// A camera, its few points, and others beside it.
+/// Returns a camera with a few points, and other cameras near it.
 fn sequence(shape: [f64; 2]) -> (PosedView, Vec<PosedView>) {
     let cameras = [
         camera([0.0, 0.0, 0.0], 0.0),
@@ -154,7 +154,7 @@ fn points_behind_a_nearer_surface_are_occluded() {
         .unwrap();
     let view = &report.views[0];
     assert_eq!(view.outcome, ViewOutcome::Used, "{report:?}");
-    // Those that lie in the image.
+    // Points that are inside the image.
     assert!(
         view.occluded > behind * 8 / 10 && view.occluded <= behind,
         "{report:?}"
@@ -164,7 +164,7 @@ fn points_behind_a_nearer_surface_are_occluded() {
 #[test]
 fn a_view_with_a_wrong_pose_is_left_out() {
     let (own, mut others) = sequence(SHAPE);
-    // Its points are those of a camera a metre nearer to the wall.
+    // Its points belong to a camera a metre nearer to the wall.
     let near = camera([0.0, 0.0, 1.0], 0.0);
     others.push(posed(&camera([0.0; 3], 0.0), wall(&near, [4, 89], SHAPE)));
     let settings = ViewSettings::default();
@@ -181,7 +181,7 @@ fn a_view_with_a_wrong_pose_is_left_out() {
         .complete_with_views(&own, &refs(&others[..2]), &settings)
         .unwrap();
     assert_eq!(found.depth().unwrap(), without.depth().unwrap());
-    // Alone it changes nothing at all.
+    // Without other views, it changes nothing at all.
     let (alone, report) = scene()
         .complete_with_views(&own, &[&others[2]], &settings)
         .unwrap();
@@ -329,11 +329,11 @@ fn neighbours_see_the_same_and_are_bounded() {
     let places: [([f64; 3], f64); 6] = [
         ([0.0, 0.0, 0.0], 0.0),
         ([0.1, 0.0, 0.0], 0.0),
-        // The wall behind.
+        // The wall behind the camera.
         ([0.0, 0.0, 0.0], std::f64::consts::PI),
         ([0.3, 0.0, 0.0], 0.0),
         ([0.6, 0.0, 0.0], 0.0),
-        // Beyond the border of what the first sees.
+        // Beyond the border of the first camera's view.
         ([9.0, 0.0, 0.0], 0.0),
     ];
     let views: Vec<PosedView> = places
@@ -358,7 +358,7 @@ fn neighbours_see_the_same_and_are_bounded() {
     assert!(neighbours(&views, 5, &all).is_empty());
 }
 
-/// All views scored and sorted.
+/// Reference: scores and sorts all views.
 fn plain_neighbours(views: &[PosedView], index: usize, settings: &ViewSettings) -> Vec<usize> {
     let share = |own: &PosedView, other: &PosedView| {
         let points = other.observations().as_slice();
@@ -402,7 +402,7 @@ fn neighbours_are_those_of_a_search_through_all() {
         ];
         let camera = camera(place.map(f64::from), f64::from(rng.range(-0.9, 0.9)));
         let view = posed(&camera, wall(&camera, [0, 89], [6.0, 0.0]));
-        // Some views more than once: their scores are equal.
+        // Some views several times, so that their scores are equal.
         for _ in 0..=usize::from(rng.chance(0.4)) {
             views.push(view.clone());
         }

@@ -1,13 +1,13 @@
-//! An even choice among many carried points.
+//! Even subsampling of many carried points.
 
 use super::carry::Carried;
 use super::{PosedView, ViewReport};
 
-/// The mean number of points that are kept in a cell of the grid.
+/// Mean number of kept points per cell of the grid.
 const TO_A_CELL: f64 = 2.0;
 
-/// Keeps at most `most` points, as evenly over the image as they can be: cell by cell of a grid, first those of cells with the
-/// fewest points of the image itself and of the points kept before; in a cell the most precise first.
+/// Keeps at most `most` points, spread as evenly over the image as possible. Points are taken from the cells of a grid with the
+/// fewest points so far, including the image's own, and within a cell in the order of their precision.
 pub(super) fn thin(
     own: &PosedView,
     most: usize,
@@ -33,7 +33,7 @@ pub(super) fn thin(
             taken[cell(u, v)] += 1;
         }
     }
-    // Precise points first; of equal ones the first.
+    // Precise points first; ties keep their order.
     let mut order: Vec<usize> = (0..carried.len()).collect();
     order.sort_by(|&a, &b| carried[a].deviation.total_cmp(&carried[b].deviation));
     let mut ranked: Vec<(usize, usize, usize)> = Vec::with_capacity(order.len());

@@ -1,4 +1,4 @@
-//! One matrix at a time.
+//! Factorisation of one matrix at a time.
 
 use super::{PAD, block_columns, is_size, panel_rows};
 use crate::simd::{Doubles, Kernel, Level, Vector};
@@ -6,17 +6,17 @@ use crate::simd::{Doubles, Kernel, Level, Vector};
 /// A matrix stored column by column, its columns `stride` values apart.
 #[derive(Clone, Copy, Debug)]
 pub struct MatrixBlock<'a> {
-    /// The values, from the first one of the block on.
+    /// The values, starting with the first one of the block.
     pub values: &'a [f64],
-    /// From a column to the next.
+    /// Distance between columns.
     pub stride: usize,
 }
 
 impl MatrixBlock<'_> {
-    /// The rows from one on.
+    /// The block without its first rows.
     ///
     /// # Panics
-    /// If there are fewer.
+    /// If the block has fewer rows.
     #[must_use]
     pub fn below(self, rows: usize) -> Self {
         let values = &self.values[rows..];
@@ -28,7 +28,7 @@ impl MatrixBlock<'_> {
     }
 }
 
-/// Whether a block of so many rows and columns lies within `length` values.
+/// Whether a block with this many rows and columns fits in `length` values.
 fn fits(length: usize, stride: usize, rows: usize, columns: usize) -> bool {
     let last = columns.saturating_sub(1).checked_mul(stride);
     rows == 0 || columns == 0 || {
@@ -42,7 +42,7 @@ fn fits(length: usize, stride: usize, rows: usize, columns: usize) -> bool {
 /// positive and finite; the values of both are then undefined.
 ///
 /// # Panics
-/// If lengths do not match, or the number of rows below is no multiple of [`PAD`].
+/// If lengths do not match, or the number of rows below is not a multiple of [`PAD`].
 pub fn factorise(level: Level, panel: &mut [f64], columns: usize, update: &mut [f64]) -> bool {
     if columns == 0 {
         return true;
@@ -59,15 +59,15 @@ pub fn factorise(level: Level, panel: &mut [f64], columns: usize, update: &mut [
         update,
         below,
     };
-    // SAFETY: the assertions hold what the kernel relies on.
+    // SAFETY: the assertions above check the lengths.
     unsafe { level.run(kernel) }
 }
 
-/// Further rows of a matrix whose factor is known: replaces `extra`, `[count, columns]`, by `extra L_A'^-1`, and
+/// Solves for further rows of a matrix with a known factor: replaces `extra`, `[count, columns]`, by `extra L_A'^-1`, and
 /// subtracts its product with `L_B` from `update`, `[count, below]`. The panel is that of [`factorise`].
 ///
 /// # Panics
-/// If lengths do not match, or the number of rows below or `count` is no multiple of [`PAD`].
+/// If lengths do not match, or the number of rows below or `count` is not a multiple of [`PAD`].
 pub fn solve_rows(
     level: Level,
     panel: &[f64],
@@ -91,15 +91,15 @@ pub fn solve_rows(
         count,
         update,
     };
-    // SAFETY: the assertions hold what the kernel relies on.
+    // SAFETY: the assertions above check the lengths.
     unsafe { level.run(kernel) }
 }
 
-/// `target -= left right'`, with `left` `[rows, depth]` and `right` `[columns, depth]`; the columns of the target
-/// are `stride` values apart.
+/// Computes `target -= left right'`, with `left` `[rows, depth]` and `right` `[columns, depth]`; the columns of the target are
+/// `stride` values apart.
 ///
 /// # Panics
-/// If a block is longer than its values, or rows or columns are no multiple of [`PAD`].
+/// If a block is longer than its values, or rows or columns are not a multiple of [`PAD`].
 pub fn subtract_product(
     level: Level,
     (target, stride): (&mut [f64], usize),
@@ -123,7 +123,7 @@ pub fn subtract_product(
         left,
         right,
     };
-    // SAFETY: the assertions hold what the kernel relies on.
+    // SAFETY: the assertions above check the lengths.
     unsafe { level.run(kernel) }
 }
 
@@ -135,7 +135,7 @@ struct Columns {
 }
 
 impl Columns {
-    /// The part from a row and column on.
+    /// Returns the submatrix that begins at a row and column.
     #[inline(always)]
     unsafe fn part(self, row: usize, column: usize) -> Self {
         // SAFETY: as demanded from the caller.
@@ -144,7 +144,7 @@ impl Columns {
     }
 }
 
-/// `R` vectors of rows times `C` columns: `target -= a b'`.
+/// Computes `target -= a b'` for `R` vectors of rows and `C` columns.
 #[inline(always)]
 unsafe fn tile<D: Doubles, const R: usize, const C: usize>(
     target: *mut f64,
@@ -181,10 +181,10 @@ unsafe fn tile<D: Doubles, const R: usize, const C: usize>(
     }
 }
 
-/// `target [rows, 8] -= a [rows, depth] b [8, depth]'`.
+/// Computes `target [rows, 8] -= a [rows, depth] b [8, depth]'`.
 ///
 /// # Safety
-/// The matrices are there; `rows` is a multiple of 8.
+/// The pointers are valid for the matrices; `rows` is a multiple of 8.
 #[inline(always)]
 unsafe fn strip<D: Doubles>(
     target: *mut f64,
@@ -233,7 +233,8 @@ unsafe fn bands<D: Doubles, const C: usize>(
     }
 }
 
-/// `rows [count, columns] *= L'^-1` for `columns` of at most 8; `triangle` is L, `inverse` that of its diagonal.
+/// Computes `rows [count, columns] *= L'^-1` for at most 8 `columns`; `triangle` is L, `inverse` the reciprocals of its
+/// diagonal.
 #[inline(always)]
 unsafe fn solve_few<D: Doubles>(
     rows: *mut f64,

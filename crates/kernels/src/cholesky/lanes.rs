@@ -1,4 +1,4 @@
-//! Eight small matrices of one shape at a time, one in each lane.
+//! Factorisation of eight small matrices of one shape at a time, one in each lane.
 
 use super::{block_columns, is_size, panel_rows};
 use crate::simd::{Doubles, Kernel, Level, Vector};
@@ -6,13 +6,13 @@ use crate::simd::{Doubles, Kernel, Level, Vector};
 /// The same element of eight matrices.
 pub type F64x8 = [f64; 8];
 
-/// Rows below the square block come in multiples of this.
+/// The number of rows below the square block is a multiple of this.
 const TILE: usize = 4;
 
 /// [`super::factorise`] of eight matrices at once; here the number of rows below is a multiple of 4.
 ///
 /// # Panics
-/// If lengths do not match, or the number of rows below is no multiple of 4.
+/// If lengths do not match, or the number of rows below is not a multiple of 4.
 pub fn factorise_eight(
     level: Level,
     panel: &mut [F64x8],
@@ -31,7 +31,7 @@ pub fn factorise_eight(
         update,
         below,
     };
-    // SAFETY: the assertions hold what the kernel relies on.
+    // SAFETY: the assertions above check the lengths.
     unsafe { level.run(kernel) }
 }
 
@@ -62,10 +62,10 @@ impl Kernel for FactoriseEight<'_> {
     }
 }
 
-/// Values from an element of a matrix to the next one.
+/// Distance between elements of a matrix in memory.
 const STEP: usize = 8;
 
-/// `target -= a b'` for `R` rows and 4 columns.
+/// Computes `target -= a b'` for `R` rows and 4 columns.
 #[inline(always)]
 unsafe fn tile<D: Doubles, const R: usize>(
     target: *mut f64,
@@ -103,7 +103,7 @@ unsafe fn tile<D: Doubles, const R: usize>(
     }
 }
 
-/// Four columns of `target -= a b'` from a row on, in tiles of as many rows as fit the registers.
+/// Computes four columns of `target -= a b'` from a row on, in tiles of as many rows as fit the registers.
 #[inline(always)]
 unsafe fn strip<D: Doubles>(
     target: *mut f64,
@@ -128,7 +128,7 @@ unsafe fn strip<D: Doubles>(
     }
 }
 
-/// The factor of the first `C` columns, from which all columns before are subtracted; false if a pivot is not positive.
+/// Factorises the first `C` columns, from which all previous columns are already subtracted; false if a pivot is not positive.
 #[inline(always)]
 unsafe fn columns_of<D: Doubles, const C: usize>(own: *mut f64, rows: usize, count: usize) -> bool {
     // SAFETY: as demanded from the caller.

@@ -1,11 +1,11 @@
-//! Partial Cholesky factorisation in f64, as multifrontal solvers of sparse equations need it: of a matrix
+//! Partial Cholesky factorisation in f64, as needed by multifrontal sparse solvers. It computes, for a matrix
 //!
 //! > `[ A  B' ]`
 //! > `[ B  C  ]`
 //!
-//! the columns of the factor `L = [L_A; L_B]` with `L_A L_A' = A` and `L_B = B L_A'^-1`, and the update matrix,
-//! the Schur complement `C - L_B L_B'`. Matrices are stored column by column; of symmetric ones, the lower half counts.
-//! The numbers of rows below A are multiples of [`PAD`]; what pads them is 0.
+//! the columns of the factor `L = [L_A; L_B]` with `L_A L_A' = A` and `L_B = B L_A'^-1`, and the update matrix, the Schur
+//! complement `C - L_B L_B'`. Matrices are stored column by column; only the lower halves of symmetric matrices are read. The
+//! numbers of rows below A are multiples of [`PAD`]; padding is 0.
 
 mod dense;
 mod lanes;
@@ -15,13 +15,13 @@ mod tests;
 pub use dense::{MatrixBlock, factorise, solve_rows, subtract_product};
 pub use lanes::{F64x8, factorise_eight};
 
-/// Rows below the square block come in multiples of this.
+/// The number of rows below the square block is a multiple of this.
 pub const PAD: usize = 8;
 
-/// All rows of a panel of so many values and columns, and those below the square block.
+/// Returns the numbers of all rows of a panel with this many values and columns, and of those below the square block.
 ///
 /// # Panics
-/// If there are no such rows, or those below are no multiple of `pad`.
+/// If there are no such rows, or the number of rows below is not a multiple of `pad`.
 fn panel_rows(length: usize, columns: usize, pad: usize) -> [usize; 2] {
     let rows = length / columns;
     assert!(is_size(length, rows, columns), "panel");
@@ -30,8 +30,8 @@ fn panel_rows(length: usize, columns: usize, pad: usize) -> [usize; 2] {
     [rows, below]
 }
 
-/// The columns of the block that begins at `first`. The first block has the columns that are left over, so that the rows
-/// below the others come in multiples of `size`.
+/// Returns the number of columns of the block that begins at `first`. The first block has the remainder, so that the number of
+/// rows below the others is a multiple of `size`.
 #[inline(always)]
 fn block_columns(first: usize, columns: usize, size: usize) -> usize {
     match columns % size {
@@ -40,7 +40,7 @@ fn block_columns(first: usize, columns: usize, size: usize) -> usize {
     }
 }
 
-/// Whether a matrix of this size has so many values.
+/// Whether a matrix of this size has this many values.
 fn is_size(length: usize, rows: usize, columns: usize) -> bool {
     rows.checked_mul(columns) == Some(length)
 }

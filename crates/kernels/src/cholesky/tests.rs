@@ -2,7 +2,7 @@ use super::*;
 use crate::simd::Level;
 use lsdc_rng::Rng;
 
-/// A positive definite matrix of `size` rows, the last of which are padding.
+/// Returns a positive definite matrix of `size` rows; the last `padding` rows are padding.
 fn example(size: usize, padding: usize, seed: u64) -> Vec<f64> {
     let mut rng = Rng::stream(seed, &["cholesky"]);
     let half: Vec<f64> = (0..size * size)
@@ -20,7 +20,7 @@ fn example(size: usize, padding: usize, seed: u64) -> Vec<f64> {
     matrix
 }
 
-/// Column by column, in the order of a textbook.
+/// Factorises column by column, in the order of a textbook.
 fn reference(matrix: &[f64], size: usize, columns: usize) -> Vec<f64> {
     let mut all = matrix.to_vec();
     for j in 0..columns {
@@ -37,14 +37,14 @@ fn reference(matrix: &[f64], size: usize, columns: usize) -> Vec<f64> {
     all
 }
 
-/// The panel and the update matrix of a matrix.
+/// Splits a matrix into panel and update matrix.
 fn split(matrix: &[f64], size: usize, columns: usize) -> (Vec<f64>, Vec<f64>) {
     let (panel, others) = matrix.split_at(size * columns);
     let update = others.chunks(size).flat_map(|c| &c[columns..]).copied();
     (panel.to_vec(), update.collect())
 }
 
-/// Lower halves agree: `found [size, columns]` beside columns of the reference from a row and column on.
+/// Checks that lower halves agree: `found [size, columns]` with columns of the reference, starting at a row and column.
 fn assert_lower(found: &[f64], rows: usize, all: &[f64], size: usize, first: usize) {
     for (j, column) in found.chunks(rows).enumerate() {
         for (i, value) in column.iter().enumerate().skip(j) {

@@ -1,7 +1,7 @@
-//! Convolution of each channel alone, and its gradients, as plain sums over the taps: with so few products for each
-//! value that is read, memory is the bottleneck.
+//! Depthwise convolution and its gradients, as plain sums over the taps: there are so few products per value that memory is the
+//! bottleneck.
 //!
-//! Work is cut into the same pieces and summed in the same order whatever the number of threads.
+//! Work is divided and summed in the same way for any number of threads.
 
 use super::layer::transposed;
 use super::shape::Shape;
@@ -9,9 +9,9 @@ use crate::schedule::InTasks;
 use crate::simd::{Kernel, Level, Shared, Tail, Unset, Vector, written};
 use rayon::prelude::*;
 
-/// The most parallel partial sums of weight gradients.
+/// Largest number of parallel partial sums of weight gradients.
 const PARTS: usize = 8;
-/// Places of a line with the same taps that are summed together, so that each weight is loaded once for them.
+/// Positions of a line with the same taps that are summed together, so that each weight is loaded once for all of them.
 const BLOCK: usize = 4;
 
 /// Prepared weights, with a bias.
@@ -24,7 +24,7 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// From weights `[channels, 1, taps, taps]`; an empty bias is 0.
+    /// Prepares weights `[channels, 1, taps, taps]`; an empty bias is 0.
     pub(super) fn new(level: Level, weights: &[f32], channels: usize, bias: &[f32]) -> Self {
         let area = weights.len() / channels.max(1);
         let mut bias = bias.to_vec();
@@ -36,13 +36,13 @@ impl Filter {
         }
     }
 
-    /// `output [batch, height', width', channels]` from `x [batch, height, width, channels]`; sets every float.
+    /// Computes `output [batch, height', width', channels]` from `x [batch, height, width, channels]`; sets every float.
     pub(super) fn write(&self, x: &[f32], shape: &Shape, tail: Tail<'_>, output: &mut Unset) {
         let from = [shape.height, shape.width];
         self.gather(x, from, shape, &AxisTaps::both(shape), tail, output);
     }
 
-    /// Sums over the taps of rows and columns, of images of `from` rows and columns.
+    /// Computes sums over the taps of rows and columns, for images of `from` rows and columns.
     fn gather(
         &self,
         x: &[f32],
@@ -74,7 +74,7 @@ impl Filter {
     }
 }
 
-/// The gradient of the input from that of the output, with weights `[channels, 1, taps, taps]`.
+/// Returns the gradient of the input from that of the output, with weights `[channels, 1, taps, taps]`.
 pub(super) fn input_gradient(
     level: Level,
     weights: &[f32],
@@ -94,7 +94,7 @@ pub(super) fn input_gradient(
     unsafe { written(shape.input_len(), write) }
 }
 
-/// The gradient of the weights `[channels, 1, taps, taps]` from that of the output.
+/// Returns the gradient of the weights `[channels, 1, taps, taps]` from that of the output.
 pub(super) fn weight_gradient(level: Level, x: &[f32], grad: &[f32], shape: &Shape) -> Vec<f32> {
     let taps = AxisTaps::both(shape);
     let (channels, area) = (shape.channels, shape.taps * shape.taps);
@@ -123,18 +123,18 @@ pub(super) fn weight_gradient(level: Level, x: &[f32], grad: &[f32], shape: &Sha
     transposed(&total, area, channels)
 }
 
-/// Along one axis, the taps that lie inside the source, and their places in it, for each place of the result.
+/// The taps inside the source, along one axis, and their positions in it, for each position of the result.
 struct AxisTaps {
-    /// Taps and places.
+    /// Pairs of tap and position.
     pairs: Vec<(usize, usize)>,
-    /// Where the pairs of each place end.
+    /// End of the pairs of each position.
     ends: Vec<usize>,
-    /// For each place, whether the next ones of its [`BLOCK`] have the same taps.
+    /// For each position, whether all positions of the [`BLOCK`] that begins there have the same taps.
     same_taps: Vec<bool>,
 }
 
 impl AxisTaps {
-    /// Those of rows and of columns.
+    /// Returns the taps of rows and of columns.
     fn both(shape: &Shape) -> [Self; 2] {
         let (height, width) = shape.out();
         [
@@ -143,7 +143,7 @@ impl AxisTaps {
         ]
     }
 
-    /// For `to` outputs of an input of length `from`.
+    /// Lists the taps for `to` outputs of an input of length `from`.
     fn new(shape: &Shape, from: usize, to: usize) -> Self {
         let spec = shape.spec;
         let of = |i: usize| {
@@ -155,7 +155,7 @@ impl AxisTaps {
         Self::of_lists((0..to).map(of).collect())
     }
 
-    /// For `to` inputs, the places in the outputs.
+    /// Lists, for `to` inputs, the positions in the outputs.
     fn transposed(&self, to: usize) -> Self {
         let mut lists = vec![vec![]; to];
         for i in 0..self.len() {
@@ -193,7 +193,7 @@ impl AxisTaps {
         &self.pairs[start..self.ends[i]]
     }
 
-    /// Calls `visit` for all places, in blocks where they have the same taps.
+    /// Calls `several` for blocks of positions with the same taps, and `one` for the other positions.
     #[inline(always)]
     fn in_blocks(&self, mut several: impl FnMut(usize), mut one: impl FnMut(usize)) {
         let mut at = 0;
@@ -209,10 +209,10 @@ impl AxisTaps {
     }
 }
 
-/// One line of the result.
+/// Computes one line of the result.
 struct Gather<'a> {
     filter: &'a Filter,
-    /// One image, and its columns.
+    /// One image, and its number of columns.
     x: &'a [f32],
     width: usize,
     taps: usize,
@@ -239,10 +239,10 @@ impl Kernel for Gather<'_> {
 }
 
 impl Gather<'_> {
-    /// `N` places of the line, which have the same taps.
+    /// Computes `N` positions of the line, which have the same taps.
     ///
     /// # Safety
-    /// As for `Vector`; places lie in the image, taps in the filter, columns in the line.
+    /// As for `Vector`; positions are inside the image, taps inside the filter, columns inside the line.
     #[inline(always)]
     unsafe fn places<V: Vector, const N: usize>(&self, at: usize) {
         let channels = self.filter.bias.len();
@@ -301,10 +301,10 @@ impl Kernel for Correlate<'_> {
 }
 
 impl Correlate<'_> {
-    /// `N` places of a line, which have the same taps.
+    /// Adds `N` positions of a line, which have the same taps.
     ///
     /// # Safety
-    /// As for `Vector`; places lie in the images, taps in the sums.
+    /// As for `Vector`; positions are inside the images, taps inside the sums.
     #[inline(always)]
     unsafe fn places<V: Vector, const N: usize>(&self, line: usize, at: usize) {
         let [rows, columns] = self.taps;

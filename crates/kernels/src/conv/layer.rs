@@ -1,5 +1,4 @@
-//! A convolution with prepared weights, and the gradients of a convolution, each by the algorithm that suits its
-//! shape.
+//! A convolution with prepared weights, and the gradients of a convolution; the algorithm depends on the shape.
 
 use super::shape::Shape;
 use super::winograd::{self, Filter};
@@ -7,10 +6,10 @@ use super::{ConvSpec, depthwise, unfold};
 use crate::simd::{Level, Packed, Scratch, Tail, Unset, unset, written};
 use rayon::prelude::*;
 
-/// A convolution whose weights are prepared for the kernels, with a bias.
+/// A convolution with a bias and weights that are prepared for the kernels.
 #[derive(Clone, Debug)]
 pub struct Layer {
-    /// For an image of one pixel.
+    /// The shape for an image of one pixel.
     shape: Shape,
     weights: Weights,
 }
@@ -23,10 +22,10 @@ enum Weights {
 }
 
 impl Layer {
-    /// Prepares weights `[outputs, channels, taps, taps]`, with 1 channel if each is convolved alone; an empty bias is 0.
+    /// Prepares weights `[outputs, channels, taps, taps]`, with 1 channel in a depthwise convolution; an empty bias is 0.
     ///
     /// # Panics
-    /// If there are not as many weights, or as many biases as outputs, or taps, stride or dilation are 0.
+    /// If the number of weights or biases does not match, or taps, stride or dilation are 0.
     pub fn new(
         level: Level,
         weights: &[f32],
@@ -64,7 +63,7 @@ impl Layer {
         Self { shape, weights }
     }
 
-    /// The sizes for a batch of images `[batch, height, width]`.
+    /// The shape for a batch of images `[batch, height, width]`.
     pub fn shape(&self, [batch, height, width]: [usize; 3]) -> Shape {
         Shape {
             batch,
@@ -74,11 +73,11 @@ impl Layer {
         }
     }
 
-    /// `output [batch, height', width', outputs]` from `x [batch, height, width, channels]` of
-    /// `size` (batch, height, width).
+    /// Computes `output [batch, height', width', outputs]` from `x [batch, height, width, channels]` of `size` (batch, height,
+    /// width).
     ///
     /// # Panics
-    /// If a slice does not have the length of its sizes.
+    /// If the length of a slice does not match.
     pub fn apply(
         &self,
         x: &[f32],
@@ -91,10 +90,10 @@ impl Layer {
         self.write(x, size, tail, scratch, unsafe { unset(output) });
     }
 
-    /// The same into new memory.
+    /// Like [`Self::apply`], with a new output.
     ///
     /// # Panics
-    /// If a slice does not have the length of its sizes.
+    /// If the length of a slice does not match.
     pub fn output(
         &self,
         x: &[f32],
@@ -108,7 +107,7 @@ impl Layer {
         unsafe { written(length, write) }
     }
 
-    /// `apply`, which sets every float of the output.
+    /// Like `apply`; sets every float of the output.
     fn write(
         &self,
         x: &[f32],
@@ -130,11 +129,11 @@ impl Layer {
     }
 }
 
-/// The gradient of the input from that of the output, with weights
-/// `[outputs, channels, taps, taps]` (1 channel if each is convolved alone).
+/// The gradient of the input from that of the output, with weights `[outputs, channels, taps, taps]` (1 channel in a depthwise
+/// convolution).
 ///
 /// # Panics
-/// If lengths do not go together, or taps, stride or dilation are 0.
+/// If lengths do not match, or taps, stride or dilation are 0.
 pub fn input_gradient(
     level: Level,
     weights: &[f32],
@@ -165,10 +164,11 @@ pub fn input_gradient(
     unfold::input_gradient(grad, &transposed, shape, scratch)
 }
 
-/// The gradient of the weights `[outputs, channels, taps, taps]` (1 channel if each is convolved alone) from that of the output.
+/// The gradient of the weights `[outputs, channels, taps, taps]` (1 channel in a depthwise convolution) from that of the
+/// output.
 ///
 /// # Panics
-/// If lengths do not go together, or taps, stride or dilation are 0.
+/// If lengths do not match, or taps, stride or dilation are 0.
 pub fn weight_gradient(
     level: Level,
     x: &[f32],
@@ -201,9 +201,9 @@ pub fn weight_gradient(
     target
 }
 
-/// `[rows, columns]` to `[columns, rows]`.
+/// Transposes `[rows, columns]` to `[columns, rows]`.
 pub(super) fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
-    /// A cache line of each row.
+    /// Size of a block: a cache line of each row.
     const BLOCK: usize = 16;
     let mut target = vec![0.0; values.len()];
     let blocks = target.par_chunks_mut((BLOCK * rows).max(1)).enumerate();
@@ -219,7 +219,7 @@ pub(super) fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32
     target
 }
 
-/// Weights `[outputs, channels, 3, 3]` of the adjoint convolution: taps in reverse,
+/// Returns the weights of the adjoint convolution of `[outputs, channels, 3, 3]`, with taps in reverse:
 /// `[outputs, 3, 3, channels]`.
 fn reversed(weights: &[f32], channels: usize) -> Vec<f32> {
     let mut target = vec![0.0; weights.len()];

@@ -14,16 +14,16 @@ pub use shape::Shape;
 pub struct ConvSpec {
     /// Distance between outputs, in input pixels.
     pub stride: usize,
-    /// Zeros on each side.
+    /// Padding with zeros on each side.
     pub padding: usize,
     /// Distance between taps, in input pixels.
     pub dilation: usize,
-    /// Each channel is convolved alone: weights are `[channels, 1, taps, taps]`.
+    /// Whether the convolution is depthwise: weights are `[channels, 1, taps, taps]`.
     pub depthwise: bool,
 }
 
 impl ConvSpec {
-    /// 3x3 at stride 1 with the size kept.
+    /// A 3x3 convolution at stride 1 that keeps the size.
     pub fn same(dilation: usize) -> Self {
         Self {
             stride: 1,
@@ -33,7 +33,7 @@ impl ConvSpec {
         }
     }
 
-    /// 3x3 at stride 2: half the size, rounded up.
+    /// A 3x3 convolution at stride 2: half the size, rounded up.
     pub fn halving() -> Self {
         Self {
             stride: 2,
@@ -41,7 +41,7 @@ impl ConvSpec {
         }
     }
 
-    /// 1x1.
+    /// A 1x1 convolution.
     pub fn pointwise() -> Self {
         Self {
             padding: 0,
@@ -49,7 +49,7 @@ impl ConvSpec {
         }
     }
 
-    /// Each channel alone, with `taps` x `taps` weights, an odd number: the size divided by the stride, rounded up.
+    /// A depthwise convolution with `taps` x `taps` weights, an odd number: the size is divided by the stride and rounded up.
     pub fn depthwise(taps: usize, stride: usize) -> Self {
         Self {
             stride,
@@ -59,7 +59,7 @@ impl ConvSpec {
         }
     }
 
-    /// The output's length along an axis of `length` for a kernel of `taps`; 0 if none fits.
+    /// The output's length along an axis of `length` for a kernel of `taps`; 0 if the kernel does not fit.
     pub fn output(self, length: usize, taps: usize) -> usize {
         let reach = self.dilation * (taps - 1) + 1;
         (length + 2 * self.padding)

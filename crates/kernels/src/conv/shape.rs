@@ -2,10 +2,10 @@
 
 use super::ConvSpec;
 
-/// A convolution with a square kernel of images `[batch, height, width, channels]`.
+/// A convolution of images `[batch, height, width, channels]` with a square kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// Images.
+    /// Number of images.
     pub batch: usize,
     /// Rows of the input.
     pub height: usize,
@@ -53,22 +53,22 @@ impl Shape {
         [self.batch, self.height, self.width]
     }
 
-    /// Pixels of all outputs.
+    /// Number of output pixels in the batch.
     pub fn out_pixels(&self) -> usize {
         self.batch * self.out().0 * self.out().1
     }
 
-    /// Values of the input.
+    /// Number of input values.
     pub(super) fn input_len(&self) -> usize {
         self.batch * self.height * self.width * self.channels
     }
 
-    /// Values of the output.
+    /// Number of output values.
     pub(super) fn output_len(&self) -> usize {
         self.out_pixels() * self.outputs
     }
 
-    /// Inputs of one output: taps x channels.
+    /// Number of inputs per output: taps x channels.
     pub fn depth(&self) -> usize {
         let channels = if self.spec.depthwise {
             1
@@ -78,7 +78,7 @@ impl Shape {
         self.taps * self.taps * channels
     }
 
-    /// Whether an output reads just the pixel it lies on.
+    /// Whether each output depends only on the pixel at its position.
     pub fn is_pointwise(&self) -> bool {
         self.taps == 1 && self.spec == ConvSpec::pointwise()
     }

@@ -1,6 +1,6 @@
-//! Convolution as products of unfolded pixels (im2col): strides, and kernels of one tap.
+//! Convolution as products of unfolded pixels (im2col), for strided convolutions and kernels of one tap.
 //!
-//! Work is cut into the same pieces and summed in the same order whatever the number of threads.
+//! Work is divided and summed in the same way for any number of threads.
 
 use super::shape::Shape;
 use crate::schedule::InTasks;
@@ -10,11 +10,11 @@ use crate::simd::{
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Output pixels of one task.
+/// Output pixels per task.
 const PIXELS: usize = 84;
 
 impl Shape {
-    /// Image, row and column of output pixels from `first` on.
+    /// Returns image, row and column of output pixels, starting at `first`.
     fn pixels(&self, first: usize) -> impl Iterator<Item = [usize; 3]> + use<> {
         let (height, width) = self.out();
         let start = [
@@ -33,8 +33,8 @@ impl Shape {
         })
     }
 
-    /// Calls `visit(columns, source)` for runs of the unfolded row of an output pixel, with the start of the run in
-    /// the input if it is inside. Adjacent taps make one run.
+    /// Calls `visit(columns, source)` for runs of the unfolded row of an output pixel, with the start of the run in the input
+    /// if it is inside. Adjacent taps are merged into one run.
     fn runs_of(
         &self,
         [image, y, x]: [usize; 3],
@@ -73,7 +73,7 @@ impl Shape {
         }
     }
 
-    /// The unfolded rows `[pixels, depth]` of output pixels from `first` on.
+    /// Writes the unfolded rows `[pixels, depth]` of output pixels, starting at `first`.
     fn unfold(&self, x: &[f32], first: usize, rows: &mut [f32]) {
         for (pixel, row) in self.pixels(first).zip(rows.chunks_exact_mut(self.depth())) {
             self.runs_of(pixel, |columns, source| {
@@ -86,7 +86,7 @@ impl Shape {
         }
     }
 
-    /// Adds unfolded rows back onto the input: the adjoint of `unfold`.
+    /// Adds unfolded rows to the input: the adjoint of `unfold`.
     fn fold(&self, rows: &[f32], first: usize, x: &mut [f32]) {
         for (pixel, row) in self.pixels(first).zip(rows.chunks_exact(self.depth())) {
             self.runs_of(pixel, |columns, source| {
@@ -100,7 +100,7 @@ impl Shape {
     }
 }
 
-/// The convolution with weights `[depth, outputs]`; sets every float of the output.
+/// Computes the convolution with weights `[depth, outputs]`; sets every float of the output.
 pub(super) fn forward(
     x: &[f32],
     weights: &Packed,
@@ -124,7 +124,7 @@ pub(super) fn forward(
     });
 }
 
-/// The gradient of the input, with the transposed weights `[outputs, depth]`.
+/// Returns the gradient of the input, given the transposed weights `[outputs, depth]`.
 pub(super) fn input_gradient(
     grad: &[f32],
     transposed: &Packed,
@@ -139,7 +139,7 @@ pub(super) fn input_gradient(
     }
     let mut x = vec![0.0; shape.input_len()];
     let pixels = shape.out().0 * shape.out().1;
-    // Neighbouring outputs share inputs, so that a whole image is one task.
+    // Neighbouring outputs share inputs, so a whole image is one task.
     x.par_chunks_mut(image.max(1))
         .enumerate()
         .for_each(|(b, image)| {
@@ -156,12 +156,12 @@ pub(super) fn input_gradient(
     x
 }
 
-/// The most parallel partial sums.
+/// Largest number of parallel partial sums.
 const PARTS: usize = 8;
-/// Pixels whose products are added to a sum at once: a panel of their gradients fits first-level caches.
+/// Pixels per block of products added to a sum: a panel of their gradients fits first-level caches.
 const BLOCK: usize = 84;
 
-/// The gradient of the weights, `[depth, outputs]`.
+/// Returns the gradient of the weights, `[depth, outputs]`.
 pub(super) fn weight_gradient(
     level: Level,
     x: &[f32],
@@ -173,7 +173,7 @@ pub(super) fn weight_gradient(
     let pixels = shape.out_pixels();
     let width = level.panel(outputs);
     let padded = outputs.next_multiple_of(width);
-    // A convolution of one tap reads its rows from the input, and whole panels need no padding.
+    // A convolution with one tap reads its rows from the input, and whole panels need no padding.
     let unfolded = if shape.is_pointwise() { 0 } else { depth };
     let padding = if padded == outputs { 0 } else { padded };
     let part = pixels.div_ceil(PARTS).next_multiple_of(BLOCK);
@@ -209,7 +209,7 @@ pub(super) fn weight_gradient(
                         count,
                         sum: Shared::new(&mut sum),
                     };
-                    // SAFETY: the memory was cut to the lengths that the kernel relies on.
+                    // SAFETY: the memory has the lengths that the kernel relies on.
                     unsafe { level.run(kernel) }
                 });
             }
@@ -228,7 +228,7 @@ pub(super) fn weight_gradient(
     total
 }
 
-/// Rows of `columns` padded with zeros.
+/// Pads rows of `columns` with zeros.
 fn pad(rows: &[f32], columns: usize, padded: &mut [f32], width: usize) {
     let rows = rows.chunks_exact(columns.max(1));
     for (to, row) in padded.chunks_exact_mut(width).zip(rows) {
@@ -243,7 +243,7 @@ struct Correlate<'a> {
     grads: &'a [f32],
     depth: usize,
     padded: usize,
-    /// Of a panel.
+    /// Width of a panel.
     width: usize,
     count: usize,
     sum: Shared<'a>,
@@ -266,10 +266,10 @@ impl Kernel for Correlate<'_> {
 }
 
 impl Correlate<'_> {
-    /// In panels of `W` vectors.
+    /// Adds the products with panels of `W` vectors.
     ///
     /// # Safety
-    /// As for `Vector`; rows, gradients and the sum have the lengths that this says.
+    /// As for `Vector`; rows, gradients and the sum have the lengths given by the fields.
     #[inline(always)]
     unsafe fn add<V: Vector, const W: usize>(self) {
         let rows = Rows {

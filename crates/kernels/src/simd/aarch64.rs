@@ -1,14 +1,14 @@
-//! The vectors of 64-bit Arm: pairs of the 128-bit registers of NEON.
+//! Vectors for 64-bit Arm: pairs of the 128-bit registers of NEON.
 //!
-//! A pair has the lanes of an AVX2 vector, so that every sum runs in the same order. Tiles of six rows of pairs need
-//! fewer loads for each product than tiles of twelve rows of single registers, which have as many sums.
+//! A pair has the lanes of an AVX2 vector, so that every sum has the same order. Tiles of six rows of pairs need fewer loads
+//! per product than tiles of twelve rows of single registers, which have equally many sums.
 
 use super::{Doubles, Kernel, Vector};
 #[allow(clippy::wildcard_imports)]
 use std::arch::aarch64::*;
 
 /// # Safety
-/// The processor has NEON; the kernel's own requirements.
+/// The processor must have NEON, and the kernel's requirements must be met.
 #[target_feature(enable = "neon")]
 pub(super) unsafe fn neon<K: Kernel>(kernel: K) -> K::Output {
     // SAFETY: this function is compiled for the vectors' instructions.
@@ -20,7 +20,7 @@ struct Neon(float32x4_t, float32x4_t);
 
 impl Vector for Neon {
     const LANES: usize = 8;
-    // Of 32 registers, 24 are sums, and 4 the two vectors.
+    // Of 32 registers, 24 hold sums, and 4 hold the two vectors.
     const ROWS: usize = 6;
     type Doubles = NeonDoubles;
 
@@ -31,8 +31,8 @@ impl Vector for Neon {
             vst1q_f32(to.add(4), self.1);
         }
         fn splat(value: f32) -> Self { Self(vdupq_n_f32(value), vdupq_n_f32(value)) }
-        // The compiler is kept from copying the float to all lanes: FMLA multiplies by one lane, and the load that
-        // copies (LD1R) takes a place in its pipelines
+        // Prevents the compiler from copying the float to all lanes: FMLA multiplies by one lane, and the load that copies
+        // (LD1R) occupies a slot in its pipelines
         // (https://dougallj.github.io/applecpu/measurements/icestorm/LD1R_post_4S.html).
         fn broadcast(from: *const f32) -> Self {
             let mut value = *from;
@@ -53,7 +53,7 @@ impl Vector for Neon {
         fn mul(self, other: Self) -> Self {
             Self(vmulq_f32(self.0, other.0), vmulq_f32(self.1, other.1))
         }
-        // As at the other levels, a NaN in `self` loses.
+        // As at the other levels, a NaN in `self` is ignored.
         fn max(self, other: Self) -> Self {
             Self(vmaxnmq_f32(self.0, other.0), vmaxnmq_f32(self.1, other.1))
         }
@@ -79,7 +79,7 @@ struct NeonDoubles(float64x2_t, float64x2_t);
 
 impl Doubles for NeonDoubles {
     const LANES: usize = 4;
-    // Three would take all registers but two, and the compiler moves sums out of them.
+    // Three would leave only two registers, and the compiler would spill sums.
     const ROWS: usize = 2;
 
     inlined! {

@@ -5,9 +5,10 @@
 /// # Safety
 /// As for [`super::Vector`]; pointers must be valid for `LANES` values.
 pub(crate) trait Doubles: Copy {
-    /// Values in a vector: 4 or 8.
+    /// Number of values in a vector: 4 or 8.
     const LANES: usize;
-    /// Rows of vectors, at most 3, that fit the registers with four columns of sums, or eight of longer vectors.
+    /// Largest number of row vectors, at most 3, that fits the registers with four columns of sums, or eight for longer
+    /// vectors.
     const ROWS: usize = 3;
 
     unsafe fn load(from: *const f64) -> Self;
@@ -16,7 +17,7 @@ pub(crate) trait Doubles: Copy {
     unsafe fn mul(self, other: Self) -> Self;
     unsafe fn div(self, other: Self) -> Self;
     unsafe fn sqrt(self) -> Self;
-    /// `self - a * b`, rounded once where the processor can.
+    /// Returns `self - a * b`, rounded once if the processor has a fused operation.
     unsafe fn less_product(self, a: Self, b: Self) -> Self;
 }
 

@@ -1,16 +1,16 @@
-//! Instruction sets of this processor.
+//! Instruction sets, and the selection of one for this processor.
 
 use super::{Kernel, Portable, Vector};
 use std::fmt;
 use std::sync::OnceLock;
 
-/// The environment variable that names a level.
+/// Name of the environment variable that selects a level.
 const VARIABLE: &str = "LSDC_SIMD";
 
 /// An instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// Plain arrays, as the compiler vectorises them.
+    /// Plain arrays, vectorised by the compiler.
     Portable,
     /// 8 lanes in two registers, with fused multiply-add: every 64-bit Arm processor.
     Neon,
@@ -24,7 +24,7 @@ impl Level {
     /// All levels, slowest first.
     pub const ALL: [Self; 4] = [Self::Portable, Self::Neon, Self::Avx2, Self::Avx512];
 
-    /// The name, as the environment variable `LSDC_SIMD` has it.
+    /// The name, as used in the environment variable `LSDC_SIMD`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Portable => "portable",
@@ -34,13 +34,13 @@ impl Level {
         }
     }
 
-    /// The levels that this processor has, slowest first.
+    /// The levels available on this processor, slowest first.
     pub fn available() -> impl DoubleEndedIterator<Item = Self> {
         Self::ALL.into_iter().filter(|level| level.is_available())
     }
 
-    /// The level that the environment variable `LSDC_SIMD` names; if it is unset, the fastest that this processor has.
-    /// That is also the level if the named one is missing, which [`Self::selected`] returns as an error.
+    /// The level selected by the environment variable `LSDC_SIMD`. If it is unset, or names an unavailable level, this is the
+    /// fastest available level; [`Self::selected`] returns an error in the latter case.
     pub fn here() -> Self {
         match Self::choice() {
             Ok(level) => *level,
@@ -48,10 +48,10 @@ impl Level {
         }
     }
 
-    /// The level of [`Self::here`], as `LSDC_SIMD` is when it is first read.
+    /// The level of [`Self::here`]. `LSDC_SIMD` is read once, at the first use.
     ///
     /// # Errors
-    /// `LSDC_SIMD` names a level that does not exist, or that this processor lacks. An empty name counts as unset.
+    /// `LSDC_SIMD` names a level that does not exist, or that this processor does not have. An empty name counts as unset.
     ///
     /// ```
     /// use lsdc_kernels::simd::Level;
@@ -72,7 +72,7 @@ impl Level {
         })
     }
 
-    /// The available level of that name; without a name, the fastest.
+    /// Returns the available level with this name; the fastest if the name is empty.
     fn named(name: &str) -> Result<Self, UnavailableLevel> {
         if name.is_empty() {
             return Ok(Self::fastest());
@@ -87,7 +87,7 @@ impl Level {
         Self::available().next_back().unwrap_or(Self::Portable)
     }
 
-    /// Whether this processor has it.
+    /// Whether this processor has the instruction set.
     pub fn is_available(self) -> bool {
         match self {
             Self::Portable => true,
@@ -104,7 +104,7 @@ impl Level {
         }
     }
 
-    /// Floats in a vector.
+    /// Number of floats in a vector.
     pub(crate) fn lanes(self) -> usize {
         match self {
             Self::Portable | Self::Neon | Self::Avx2 => 8,
@@ -112,25 +112,25 @@ impl Level {
         }
     }
 
-    /// Floats of a panel of a matrix with that many columns: one vector if they fit, else two.
+    /// Returns the number of floats per row of a panel, for a matrix with this many columns: one vector if they fit, else two.
     pub(crate) fn panel(self, columns: usize) -> usize {
         let lanes = self.lanes();
         if columns <= lanes { lanes } else { 2 * lanes }
     }
 
-    /// Runs a computation compiled for the level's instructions; it must be inlined to gain by it.
+    /// Runs a computation compiled for the level's instructions. It must be inlined to benefit.
     pub fn vectorised<T>(self, computation: impl FnOnce() -> T) -> T {
-        // SAFETY: plain code does what it does on any processor.
+        // SAFETY: plain code has the same effect on any processor.
         unsafe { self.run(Plain(computation)) }
     }
 
     /// Runs a kernel with the vectors of this level.
     ///
     /// # Panics
-    /// If this processor does not have them.
+    /// If this processor does not have the instruction set.
     ///
     /// # Safety
-    /// The kernel's own requirements.
+    /// The kernel's requirements must be met.
     pub(crate) unsafe fn run<K: Kernel>(self, kernel: K) -> K::Output {
         assert!(self.is_available(), "{} is not available", self.name());
         // SAFETY: the processor has the instructions; the caller meets the other requirements.
@@ -155,7 +155,7 @@ pub struct UnavailableLevel {
 }
 
 impl UnavailableLevel {
-    /// What to do.
+    /// A suggestion for what to do.
     pub fn hint(&self) -> String {
         let names: Vec<_> = Level::available()
             .map(|level| format!("`{}`", level.name()))
@@ -176,7 +176,7 @@ impl fmt::Display for UnavailableLevel {
 
 impl std::error::Error for UnavailableLevel {}
 
-/// Code that names no vector.
+/// A computation in plain code.
 struct Plain<F>(F);
 
 impl<T, F: FnOnce() -> T> Kernel for Plain<F> {
@@ -213,7 +213,7 @@ mod tests {
         }
     }
 
-    /// An architecture has its own levels, and no others.
+    /// An architecture has its own levels only.
     #[test]
     fn every_64_bit_arm_processor_has_neon() {
         assert_eq!(Level::Neon.is_available(), cfg!(target_arch = "aarch64"));

@@ -1,11 +1,11 @@
-//! Memory that threads reuse, and memory that they share.
+//! Memory that threads reuse, and memory that tasks write in parallel.
 
 use std::marker::PhantomData;
 use std::mem::MaybeUninit;
 use std::ops::{Deref, DerefMut};
 use std::sync::Mutex;
 
-/// Floats that start at a cache line, so that no aligned vector straddles two.
+/// Floats aligned to cache lines, so that no aligned vector crosses a line.
 #[derive(Clone, Debug, Default)]
 pub struct Buffer {
     lines: Vec<Line>,
@@ -17,7 +17,7 @@ pub struct Buffer {
 struct Line([f32; 16]);
 
 impl Buffer {
-    /// `length` zeros.
+    /// Returns a buffer of `length` zeros.
     pub fn zeros(length: usize) -> Self {
         Self {
             lines: vec![Line([0.0; 16]); length.div_ceil(16)],
@@ -25,7 +25,7 @@ impl Buffer {
         }
     }
 
-    /// Floats that fit without new memory.
+    /// Number of floats that fit without a new allocation.
     pub fn capacity(&self) -> usize {
         16 * self.lines.len()
     }
@@ -55,36 +55,36 @@ impl DerefMut for Buffer {
     }
 }
 
-/// Memory that is written before it is read: to clear it first would cost as much as a layer.
+/// Memory that is written before it is read: clearing it first would take as long as a layer.
 pub(crate) type Unset = [MaybeUninit<f32>];
 
-/// A vector of `length` floats, which `write` sets.
+/// Returns a vector of `length` floats, which `write` sets.
 ///
 /// # Safety
 /// `write` must set every float.
 pub(crate) unsafe fn written(length: usize, write: impl FnOnce(&mut Unset)) -> Vec<f32> {
     let mut values = Vec::with_capacity(length);
     write(&mut values.spare_capacity_mut()[..length]);
-    // SAFETY: they have been set, as demanded from the caller.
+    // SAFETY: all floats have been set, as required from the caller.
     unsafe { values.set_len(length) };
     values
 }
 
-/// Floats as memory to be written.
+/// Returns floats as memory to be written.
 ///
 /// # Safety
-/// Nothing but floats may be written there.
+/// The caller must write only floats to it.
 pub(crate) unsafe fn unset(values: &mut [f32]) -> &mut Unset {
-    // SAFETY: both have the same form; the rest is demanded from the caller.
+    // SAFETY: both types have the same layout; the caller meets the other requirement.
     unsafe { &mut *(std::ptr::from_mut(values) as *mut Unset) }
 }
 
-/// Working memory of each thread, kept from call to call.
+/// Reusable working memory of each thread.
 #[derive(Debug)]
 pub struct Scratch {
-    /// For the thread that runs an operation, which may share it with others.
+    /// For the thread that runs an operation, and may share the memory with others.
     whole: Mutex<Buffer>,
-    /// For threads outside of the pool, and for each thread of the pool.
+    /// One for threads outside the pool, and one for each thread of the pool.
     slots: Vec<Mutex<Buffer>>,
 }
 
@@ -95,7 +95,7 @@ impl Default for Scratch {
 }
 
 impl Scratch {
-    /// No memory yet; it grows to what the largest operation needs.
+    /// Starts without memory; it grows to the size needed by the largest operation.
     pub fn new() -> Self {
         let slots = (0..=rayon::current_num_threads()).map(|_| Mutex::default());
         Self {
@@ -104,18 +104,18 @@ impl Scratch {
         }
     }
 
-    /// Calls `f` with `length` floats of unspecified values, for this thread.
+    /// Calls `f` with `length` floats of unspecified values, reserved for this thread.
     pub fn with<R>(&self, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
         let slot = rayon::current_thread_index().map_or(0, |i| i + 1);
         Self::lend(self.slots.get(slot), length, f)
     }
 
-    /// Calls `f` with `length` floats of unspecified values, which it may share with other threads.
+    /// Calls `f` with `length` floats of unspecified values, which `f` may share with other threads.
     pub(crate) fn with_whole<R>(&self, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
         Self::lend(Some(&self.whole), length, f)
     }
 
-    /// Frees the memory that is not in use.
+    /// Frees the unused memory.
     pub fn clear(&self) {
         for slot in self.slots.iter().chain([&self.whole]) {
             if let Ok(mut memory) = slot.try_lock() {
@@ -125,8 +125,8 @@ impl Scratch {
     }
 
     fn lend<R>(slot: Option<&Mutex<Buffer>>, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
-        // In use only if a thread stole work during its own, or if two threads outside of the pool
-        // compute at once: rare.
+        // In use only if a thread stole work while it held the memory, or if two threads outside the pool compute at once:
+        // rare.
         let Some(Ok(mut memory)) = slot.map(Mutex::try_lock) else {
             return f(&mut Buffer::zeros(length));
         };
@@ -135,7 +135,7 @@ impl Scratch {
     }
 }
 
-/// A slice of which several tasks write different parts.
+/// A slice whose parts are written by several tasks.
 #[derive(Clone, Copy)]
 pub(crate) struct Shared<'a> {
     pointer: *mut f32,
@@ -143,14 +143,14 @@ pub(crate) struct Shared<'a> {
     _borrow: PhantomData<&'a mut [f32]>,
 }
 
-// SAFETY: whoever calls `at` promises that no two tasks touch the same floats.
+// SAFETY: callers of `at` guarantee that no two tasks access the same floats.
 unsafe impl Send for Shared<'_> {}
 // SAFETY: as above.
 unsafe impl Sync for Shared<'_> {}
 
 impl<'a> Shared<'a> {
     pub(crate) fn new(values: &'a mut [f32]) -> Self {
-        // SAFETY: the pointer is only handed out as one to floats.
+        // SAFETY: the pointer is only used to write floats.
         Self::unset(unsafe { unset(values) })
     }
 
@@ -162,10 +162,10 @@ impl<'a> Shared<'a> {
         }
     }
 
-    /// A pointer to `length` floats from `start` on.
+    /// Returns a pointer to `length` floats, starting at `start`.
     ///
     /// # Safety
-    /// They lie inside the slice, and no other task uses them.
+    /// The floats must be inside the slice, and no other task may use them.
     #[inline(always)]
     pub(crate) unsafe fn at(self, start: usize, length: usize) -> *mut f32 {
         debug_assert!(start + length <= self.length);

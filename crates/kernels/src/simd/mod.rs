@@ -1,7 +1,7 @@
-//! The parts of fast CPU kernels: vectors of every instruction set, selected at run time, matrix
-//! products of rows with packed weights, and memory that threads reuse.
+//! Building blocks of fast CPU kernels: vectors of every instruction set, selected at run time, matrix products of rows with
+//! packed weights, and reusable memory of threads.
 
-/// Inlined functions of a vector.
+/// Defines inlined functions of a vector.
 macro_rules! inlined {
     ($(fn $name:ident($($argument:tt)*) $(-> $output:ty)? { $($body:tt)* })*) => {
         $(
@@ -42,14 +42,14 @@ const MAX_LANES: usize = 16;
 /// A vector of floats.
 ///
 /// # Safety
-/// All functions may only be called where the processor has the instructions of the implementor,
-/// from a function compiled for them (see `Level::run`); pointers must be valid for `LANES` floats.
+/// All functions require a processor with the instructions of the implementor, and a calling function compiled for them (see
+/// `Level::run`); pointers must be valid for `LANES` floats.
 pub(crate) trait Vector: Copy {
-    /// Floats in a vector; at most 16.
+    /// Number of floats in a vector; at most 16.
     const LANES: usize;
-    /// Rows of two vectors that fit the registers, beside two vectors and a broadcast.
+    /// Number of rows of two vectors that fit the registers, together with two vectors and a broadcast.
     const ROWS: usize;
-    /// The vector of f64 of the same instruction set.
+    /// The f64 vector of the same instruction set.
     type Doubles: Doubles;
 
     unsafe fn load(from: *const f32) -> Self;
@@ -59,19 +59,19 @@ pub(crate) trait Vector: Copy {
     unsafe fn sub(self, other: Self) -> Self;
     unsafe fn mul(self, other: Self) -> Self;
     unsafe fn max(self, other: Self) -> Self;
-    /// `self * factor + term`, rounded once where the processor can.
+    /// Returns `self * factor + term`, rounded once if the processor has a fused operation.
     unsafe fn mul_add(self, factor: Self, term: Self) -> Self;
-    /// `self` where `other` is above 0, else 0.
+    /// Returns `self` where `other` is above 0, else 0.
     unsafe fn where_positive(self, other: Self) -> Self;
 
-    /// A float in memory in all lanes.
+    /// Copies a float in memory to all lanes.
     #[inline(always)]
     unsafe fn broadcast(from: *const f32) -> Self {
         // SAFETY: as demanded from the caller.
         unsafe { Self::splat(*from) }
     }
 
-    /// The first `count` floats, at most `LANES`; the rest is 0.
+    /// Loads the first `count` floats, at most `LANES`; the rest is 0.
     #[inline(always)]
     unsafe fn load_some(from: *const f32, count: usize) -> Self {
         // SAFETY: as demanded from the caller.
@@ -99,13 +99,13 @@ pub(crate) trait Vector: Copy {
         }
     }
 
-    /// The sum of all lanes.
+    /// Returns the sum of all lanes.
     #[inline(always)]
     unsafe fn total(self) -> f32 {
         let mut buffer = [0.0; MAX_LANES];
         // SAFETY: as demanded from the caller.
         unsafe { self.store(buffer.as_mut_ptr()) };
-        // By halves, which vector units can do.
+        // By halves, like the reductions of vector units.
         let mut half = MAX_LANES / 2;
         while half > 0 {
             for i in 0..half {

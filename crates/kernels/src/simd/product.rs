@@ -1,4 +1,4 @@
-//! The matrix product that every layer is based on: rows of inputs times panels of weights.
+//! The matrix product used by every layer: rows of inputs times panels of weights.
 
 use super::{Buffer, Kernel, Level, Shared, Unset, Vector, unset};
 use crate::schedule::InTasks;
@@ -13,13 +13,13 @@ pub(crate) struct Rows {
     pub(crate) step: usize,
 }
 
-/// The same pointer, before which no later load may be moved.
+/// Returns the same pointer, and prevents later loads from being moved before this point.
 #[inline(always)]
 fn pinned(pointer: *const f32) -> *const f32 {
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     {
         let mut pointer = pointer;
-        // SAFETY: there is no instruction.
+        // SAFETY: the assembly is empty.
         unsafe {
             std::arch::asm!("/* {0} */", inout(reg) pointer, options(nostack, preserves_flags));
         }
@@ -29,10 +29,10 @@ fn pinned(pointer: *const f32) -> *const f32 {
     pointer
 }
 
-/// `N` rows times a panel of `W` vectors' width, summed over some steps.
+/// Computes `N` rows times a panel of `W` vectors' width, summed over some steps.
 ///
 /// # Safety
-/// As for `Vector`; `a` has `N` rows, and the panel rows `b_row` apart, that have every step.
+/// As for `Vector`; every step is inside the `N` rows of `a` and the panel's rows, which are `b_row` apart.
 #[inline(always)]
 unsafe fn tile<V: Vector, const N: usize, const W: usize>(
     a: Rows,
@@ -50,8 +50,8 @@ unsafe fn tile<V: Vector, const N: usize, const W: usize>(
             }
             let mut a_k = a.pointer.add(k * a.step);
             for (r, sum) in sums.iter_mut().enumerate() {
-                // Without this, the compiler loads the factors of all rows ahead and moves the
-                // sums out of the registers (measured: half the rate). Three rows share an address.
+                // Without this, the compiler loads the factors of all rows in advance and spills sums from the registers
+                // (measured: half the rate). Three rows share an address.
                 if r > 0 && r % 3 == 0 {
                     a_k = pinned(a_k.wrapping_add(3 * a.row));
                 }
@@ -65,9 +65,9 @@ unsafe fn tile<V: Vector, const N: usize, const W: usize>(
     }
 }
 
-/// `count` rows times a panel of `W` vectors' width, 1 or 2; `sink(row, sums)` takes each result.
+/// Computes `count` rows times a panel of `W` vectors' width, 1 or 2; passes each result to `sink(row, sums)`.
 ///
-/// A row's result does not depend on which rows it is computed with.
+/// A row's result does not depend on the other rows.
 ///
 /// # Safety
 /// As for `Vector`; `a` has `count` rows of `depth`, the panel has `depth` rows `b_row` apart.
@@ -84,10 +84,10 @@ pub(crate) unsafe fn product<V: Vector, const W: usize>(
     unsafe { product_in_steps(a, count, |_| 0..depth, b, b_row, sink) }
 }
 
-/// The same in the steps of each block of rows, in ascending order.
+/// Like [`product`], in the given steps of each block of rows, in ascending order.
 ///
 /// # Safety
-/// As for `Vector`; `a` has `count` rows, and the panel rows `b_row` apart, that have every step.
+/// As for `Vector`; every step is inside the `count` rows of `a` and the panel's rows, which are `b_row` apart.
 #[inline(always)]
 unsafe fn product_in_steps<V: Vector, const W: usize, S: Iterator<Item = usize>>(
     a: Rows,
@@ -120,7 +120,7 @@ unsafe fn product_in_steps<V: Vector, const W: usize, S: Iterator<Item = usize>>
     }
 }
 
-/// Rows that are multiplied at once.
+/// Returns the blocks of rows that are multiplied at once.
 #[inline(always)]
 fn blocks<V: Vector>(count: usize) -> impl Iterator<Item = Range<usize>> {
     let mut first = 0;
@@ -131,15 +131,15 @@ fn blocks<V: Vector>(count: usize) -> impl Iterator<Item = Range<usize>> {
     })
 }
 
-/// The steps of each block of rows in which a row has a factor that is not 0.
+/// The steps of each block of rows with a non-zero factor in any row.
 struct Active {
     steps: Vec<u32>,
-    /// Where the steps of each block begin, and the end.
+    /// Start of the steps of each block, followed by the end.
     starts: Vec<usize>,
 }
 
 impl Active {
-    /// Of rows whose factors lie side by side.
+    /// Finds the steps, for rows with contiguous factors.
     ///
     /// # Safety
     /// `a` has `count` rows of `depth`.
@@ -155,7 +155,7 @@ impl Active {
             for row in rows {
                 // SAFETY: as demanded from the caller.
                 let row = unsafe { std::slice::from_raw_parts(a.pointer.add(row * a.row), depth) };
-                // All bits but the sign: those of 0 are 0.
+                // All bits except the sign, because -0 also counts as 0.
                 let bits = row.iter().map(|value| value.to_bits() << 1);
                 let pairs = combined.iter_mut().zip(bits);
                 pairs.for_each(|(combined, bits)| *combined |= bits);
@@ -186,10 +186,10 @@ pub struct Tail<'a> {
 }
 
 impl Tail<'_> {
-    /// Finishes `count` floats of the output from `at` on.
+    /// Applies the operations to `count` floats of the output, starting at `at`.
     ///
     /// # Safety
-    /// As for `Vector`; the skip, if any, has these floats.
+    /// As for `Vector`; the skip, if any, contains these floats.
     #[inline(always)]
     pub(crate) unsafe fn finish<V: Vector>(&self, sum: V, at: usize, count: usize) -> V {
         // SAFETY: as demanded from the caller.
@@ -207,17 +207,16 @@ impl Tail<'_> {
     }
 }
 
-/// A matrix `[depth, columns]` and a bias, cut into panels `[panel][depth][width]` and padded with
-/// zeros.
+/// A matrix `[depth, columns]` and a bias, divided into panels `[panel][depth][width]` and padded with zeros.
 #[derive(Clone, Debug)]
 pub struct Packed {
     level: Level,
     depth: usize,
     columns: usize,
-    /// Two vectors.
+    /// Width of a panel: two vectors.
     width: usize,
     values: Buffer,
-    /// Padded to whole panels.
+    /// Bias, padded to whole panels.
     bias: Vec<f32>,
 }
 
@@ -225,7 +224,7 @@ impl Packed {
     /// Packs `at(row, column)`; an empty bias is 0.
     ///
     /// # Panics
-    /// If there are not as many biases as columns, or more values than can be counted.
+    /// If the number of biases does not match the columns, or the number of values overflows.
     pub fn new(
         level: Level,
         (depth, columns): (usize, usize),
@@ -262,21 +261,21 @@ impl Packed {
         self.columns
     }
 
-    /// `output [rows, columns] = tail(x [rows, depth] * self + bias)`, on this thread. The rows of
-    /// `x` may be longer; what is beyond `depth` does not count.
+    /// Computes `output [rows, columns] = tail(x [rows, depth] * self + bias)` on this thread. The rows of `x` may be longer;
+    /// values beyond `depth` are ignored.
     pub fn apply(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
         // SAFETY: `write` writes floats.
         self.write(x, tail, unsafe { unset(output) });
     }
 
-    /// The same for an input with many zeros, such as the output of a ReLU: columns that are 0 in all rows of a block are
-    /// skipped. The sums are the same to the last bit.
+    /// Like [`Self::apply`], for an input with many zeros, such as the output of a ReLU: columns that are 0 in all rows of a
+    /// block are skipped. The sums are bitwise equal.
     pub fn apply_sparse(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
         // SAFETY: `write_some` writes floats.
         self.write_some(x, tail, unsafe { unset(output) }, true);
     }
 
-    /// `apply`; sets every float of the output.
+    /// Like `apply`; sets every float of the output.
     pub(crate) fn write(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
         self.write_some(x, tail, output, false);
     }
@@ -301,15 +300,15 @@ impl Packed {
         unsafe { self.level.run(kernel) }
     }
 
-    /// `apply` with all threads.
+    /// Like [`Self::apply`], with all threads.
     pub fn apply_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
         // SAFETY: `write_parallel` writes floats.
         self.write_parallel(x, tail, unsafe { unset(output) });
     }
 
-    /// `write` with all threads.
+    /// Like `write`, with all threads.
     pub(crate) fn write_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
-        /// Rows of one task: whole register tiles of every level.
+        /// Rows per task: a multiple of the register tile of every level.
         const ROWS: usize = 84;
         let piece = ROWS * self.columns.max(1);
         let outputs = output.par_chunks_mut(piece).enumerate();
@@ -328,15 +327,15 @@ struct Apply<'a> {
     tail: Tail<'a>,
     output: Shared<'a>,
     rows: usize,
-    /// Whether steps whose factors are all 0 are skipped.
+    /// Whether steps with only zero factors are skipped.
     sparse: bool,
 }
 
 impl Apply<'_> {
-    /// Writes the sums of a row from a column on.
+    /// Writes the sums of a row, starting at a column.
     ///
     /// # Safety
-    /// As for `Vector`; they lie in the output.
+    /// As for `Vector`; the sums are inside the output.
     #[inline(always)]
     unsafe fn finish<V: Vector>(&self, row: usize, first: usize, sums: [V; 2], bias: [V; 2]) {
         let columns = self.packed.columns;

@@ -2,17 +2,16 @@
 
 use super::{Kernel, Level, Unset, Vector, unset};
 
-/// A weighted sum of `N` rows, plus `T` more.
+/// A weighted sum of `N` rows, plus `T` unweighted rows.
 #[derive(Clone, Copy, Debug)]
 pub struct Blend<'a, const N: usize, const T: usize> {
     /// Rows and their weights.
     pub parts: [(&'a [f32], f32); N],
-    /// Rows that are added as they are.
+    /// Rows that are added without weights.
     pub terms: [&'a [f32]; T],
 }
 
-/// Computes blends one after the other into `output [blends, columns]`, whose rows may be longer, with an optional
-/// ReLU.
+/// Computes blends into the rows of `output [blends, columns]`, which may be longer, with an optional ReLU.
 pub fn blend_rows<'a, const N: usize, const T: usize>(
     level: Level,
     blends: impl ExactSizeIterator<Item = Blend<'a, N, T>>,
@@ -24,7 +23,7 @@ pub fn blend_rows<'a, const N: usize, const T: usize>(
     write_blends(level, blends, columns, relu, unsafe { unset(output) });
 }
 
-/// `blend_rows`; sets every float of rows that are no longer than `columns`.
+/// Like `blend_rows`; sets every float if rows are no longer than `columns`.
 pub(crate) fn write_blends<'a, const N: usize, const T: usize>(
     level: Level,
     blends: impl ExactSizeIterator<Item = Blend<'a, N, T>>,
@@ -41,7 +40,7 @@ pub(crate) fn write_blends<'a, const N: usize, const T: usize>(
         relu,
         output,
     };
-    // SAFETY: the assertion holds what the kernel relies on; it checks the rows itself.
+    // SAFETY: the assertion checks the length; the kernel checks the rows itself.
     unsafe { level.run(kernel) }
 }
 
@@ -89,7 +88,7 @@ where
     }
 }
 
-/// `output = rows [output, factors] * factors + constant`; the rows may be longer.
+/// Computes `output = rows [output, factors] * factors + constant`; the rows may be longer.
 pub fn dot_rows(level: Level, rows: &[f32], factors: &[f32], constant: f32, output: &mut [f32]) {
     let row = rows.len() / output.len().max(1);
     assert!(row >= factors.len() && rows.len() == output.len() * row);
@@ -100,7 +99,7 @@ pub fn dot_rows(level: Level, rows: &[f32], factors: &[f32], constant: f32, outp
         constant,
         output,
     };
-    // SAFETY: the assertion holds what the kernel relies on.
+    // SAFETY: the assertion above checks the lengths.
     unsafe { level.run(kernel) }
 }
 

@@ -1,4 +1,4 @@
-//! Products and vectors of every level against plain loops.
+//! Comparison of products and vectors of every level with plain loops.
 
 use super::{Kernel, Level, Packed, Tail, Vector};
 use lsdc_rng::Rng;
@@ -27,7 +27,7 @@ fn products_agree_with_plain_loops() {
                 let mut together = vec![f32::NAN; rows * columns];
                 packed.apply_parallel(&x, tail, &mut together);
                 assert_eq!(alone, together);
-                // Rows that lie further apart.
+                // Rows with gaps between them.
                 let mut apart = vec![f32::NAN; rows * (depth + 3)];
                 for (to, from) in apart.chunks_exact_mut(depth + 3).zip(x.chunks_exact(depth)) {
                     to[..depth].copy_from_slice(from);
@@ -55,7 +55,7 @@ fn zeros_that_are_left_out_change_no_bit() {
     for (rows, depth, columns) in [(1, 1, 1), (15, 20, 16), (84, 128, 70), (0, 4, 4)] {
         let mut x = random(rows * depth, "x");
         let (weights, bias) = (random(depth * columns, "w"), random(columns, "b"));
-        // Of each row some, and whole columns.
+        // Some values of each row, and whole columns.
         for (i, value) in x.iter_mut().enumerate() {
             let column = i % depth;
             let nothing = if i % 2 == 0 { 0.0 } else { -0.0 };

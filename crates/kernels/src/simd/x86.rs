@@ -1,11 +1,11 @@
-//! The vectors of x86-64.
+//! Vectors for x86-64.
 
 use super::{Doubles, Kernel, Vector};
 #[allow(clippy::wildcard_imports)]
 use std::arch::x86_64::*;
 
 /// # Safety
-/// The processor has AVX-512F; the kernel's own requirements.
+/// The processor must have AVX-512F, and the kernel's requirements must be met.
 #[target_feature(enable = "avx512f")]
 pub(super) unsafe fn avx512<K: Kernel>(kernel: K) -> K::Output {
     // SAFETY: this function is compiled for the vectors' instructions.
@@ -13,7 +13,7 @@ pub(super) unsafe fn avx512<K: Kernel>(kernel: K) -> K::Output {
 }
 
 /// # Safety
-/// The processor has AVX2 and FMA; the kernel's own requirements.
+/// The processor must have AVX2 and FMA, and the kernel's requirements must be met.
 #[target_feature(enable = "avx2,fma")]
 pub(super) unsafe fn avx2<K: Kernel>(kernel: K) -> K::Output {
     // SAFETY: this function is compiled for the vectors' instructions.

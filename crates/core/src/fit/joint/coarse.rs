@@ -1,13 +1,13 @@
-//! A coarse grid of pixels, for what varies slowly.
+//! A coarse grid of pixels, for slowly varying quantities.
 
 use crate::bilinear::{between, rescaled};
 use rayon::prelude::*;
 
-/// Some pixels of a map, evenly spaced; all of a small one.
+/// Evenly spaced pixels of a map; all pixels of a small map.
 #[derive(Debug)]
 pub(super) struct CoarseGrid {
     size: (usize, usize),
-    /// From one to the next.
+    /// Distance between pixels of the coarse grid.
     step: usize,
     columns: Vec<usize>,
     rows: Vec<usize>,
@@ -36,12 +36,12 @@ impl CoarseGrid {
         self.rows.iter().flat_map(row)
     }
 
-    /// A map of values at these pixels, none negative, whose logarithms are interpolated bilinearly.
+    /// Interpolates non-negative values at these pixels to a map, bilinearly in their logarithms.
     pub(super) fn spread(&self, values: &[f64]) -> Vec<f64> {
         self.spread_over(values, self.size)
     }
 
-    /// The same of another height and width.
+    /// Like [`Self::spread`], for a map of another height and width.
     pub(super) fn spread_over(&self, values: &[f64], size: (usize, usize)) -> Vec<f64> {
         // A lower bound, because of the logarithm.
         let least = 1e-12

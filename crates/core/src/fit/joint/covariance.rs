@@ -8,8 +8,8 @@ use crate::fit::points::FitRows;
 use faer::{Mat, Scale};
 
 impl FieldEstimator<'_> {
-    /// The covariances of the depths of some points before noise, whose variance is 1 / (data x weight): those of
-    /// field, cosines, and basis functions whose prior has the strength `lambda`.
+    /// Returns the covariances of the depths of some points before noise, which has the variance 1 / (data x weight): the
+    /// covariances of field, cosines, and basis functions with a prior of the strength `lambda`.
     ///
     /// # Errors
     /// Equations that are not positive definite, or basis functions that are not finite.
@@ -19,7 +19,7 @@ impl FieldEstimator<'_> {
         which: &[usize],
         lambda: Option<f64>,
     ) -> Result<Mat<f64>> {
-        /// The variance of the field in that of the mean of the prior, about whose scale nothing is known.
+        /// Variance of the field relative to that of the mean of the prior, whose scale is unknown.
         const KNOWN: f64 = 1e-3;
         let places = rows.places.unwrap_or_default();
         let interpolation: Vec<_> = which

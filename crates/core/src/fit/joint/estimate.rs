@@ -23,7 +23,7 @@ use lsdc_kernels::schedule::{InTasks, join};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// How a field is fitted: with basis functions if there is a prior over their weights.
+/// Estimator of a field, with basis functions if there is a prior over their weights.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fit) struct FieldEstimator<'a> {
     pub(in crate::fit) geometry: FieldGeometry<'a>,
@@ -42,25 +42,25 @@ struct JointSolution {
     lambda: Option<f64>,
     /// The field at every pixel, without the basis functions.
     values: Vec<f64>,
-    /// The fits that it was made from, if there are several.
+    /// The stacked fits, if there are several.
     stack: Option<Stack>,
     solver: FieldSolver,
     smoothness: Smoothness,
-    /// Whether the field follows the surface that the observations span.
+    /// Whether the field follows the surface spanned by the observations.
     follows_surface: bool,
     sample: SampledObservations,
     /// The residuals of basis functions x weights, if they were needed.
     residuals: Option<Vec<f64>>,
-    /// Pixels in holes at which basis functions contradicted the depths around.
+    /// Number of pixels in holes at which basis functions contradicted the surrounding depths.
     limited: usize,
 }
 
 /// Weights are estimated from at most this many observations.
 const SAMPLE: usize = 700;
-/// The surface is not used with more observations than this: at 304x228, no pixel is far from one.
+/// Largest number of observations for which the surface is used: at 304x228, more leave no pixel far from one.
 const DENSE: usize = 30_000;
 
-/// Points of a task.
+/// Points per task.
 const TOGETHER: usize = 1 << 10;
 
 impl FieldEstimator<'_> {
@@ -74,7 +74,7 @@ impl FieldEstimator<'_> {
         }
     }
 
-    /// The same on a coarser grid, of blocks of so many pixels.
+    /// Returns the estimator on a coarser grid, of blocks with this number of pixels.
     pub(in crate::fit) fn on<'b>(self, blocks: &'b Affinities, area: usize) -> FieldEstimator<'b>
     where
         Self: 'b,
@@ -163,8 +163,8 @@ impl FieldEstimator<'_> {
         Ok((all.without_last(self.ridges)?.0, merged.len()))
     }
 
-    /// The surface that the observations span, unless there are so many that it would add nothing, or basis functions are
-    /// known at the points only.
+    /// Returns the surface spanned by the observations; `None` if there are so many that it adds nothing, or basis functions
+    /// are known at the points only.
     fn surface(self, merged: &MergedObservations, rows: &FitRows<'_>) -> Option<Surface> {
         let known = self.prior.is_none() || rows.everywhere().is_some();
         let size = self.geometry.affinities.size();
@@ -214,7 +214,7 @@ impl FieldEstimator<'_> {
                 rank: 0,
                 factor: Mat::zeros(columns, 0),
             },
-            // Rounding may leave less than nothing.
+            // Rounding may make it negative.
             noise: square.max(0.0) / merged.len().saturating_sub(1).max(1) as f64,
             lambda: None,
             values,
@@ -256,7 +256,7 @@ impl FieldEstimator<'_> {
         Ok((estimate, field))
     }
 
-    /// Few observations, from all of which the weights are estimated.
+    /// Fits few observations; the weights are estimated from all of them.
     fn fit_few(
         self,
         merged: &MergedObservations,
@@ -298,7 +298,7 @@ impl FieldEstimator<'_> {
         })
     }
 
-    /// The weights from some of the observations, and the field of all.
+    /// Fits many observations; the weights are estimated from some of them.
     fn fit_many(
         self,
         merged: &mut MergedObservations,
@@ -319,12 +319,12 @@ impl FieldEstimator<'_> {
             Ok::<_, Error>((surface, field, smoothness))
         };
         let (found, of_sample, residuals, observed) = if self.geometry.transient && count > DENSE {
-            // The field of many observations is large, and only standard deviations need the field of some again.
+            // The field of many observations is large, and only standard deviations use the field of the sample again.
             let (found, _, residuals) = estimate()?;
             self.geometry.affinities.drop_prior();
             (found, None, residuals, observe(merged))
         } else {
-            // Neither needs the other.
+            // Both are independent.
             let (estimated, observed) = join(estimate, || observe(merged));
             let (found, field, residuals) = estimated?;
             (found, Some(field), residuals, observed)
@@ -408,8 +408,7 @@ impl FieldEstimator<'_> {
     }
 }
 
-/// The field's precision takes the place of the identity in the normal equations (generalised least
-/// squares, Aitken 1935).
+/// The field's precision replaces the identity in the normal equations (generalised least squares, Aitken 1935).
 pub(super) fn moments(all: &Mat<f64>, columns: usize, count: usize) -> Moments {
     Moments {
         normal: Mat::from_fn(columns, columns, |i, j| all[(i.max(j), i.min(j))]),

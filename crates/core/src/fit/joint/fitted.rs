@@ -1,4 +1,4 @@
-//! What follows from a joint fit: leverages and variances.
+//! Leverages and variances of a joint fit.
 
 use super::coarse::CoarseGrid;
 use super::merged_observations::{MergedObservations, SampledObservations};
@@ -13,23 +13,23 @@ use crate::fit::leave_one_out::leave_one_out;
 use crate::fit::lstsq::Solution;
 use faer::{Mat, MatRef};
 
-/// A field that was fitted.
+/// A fitted field.
 #[derive(Debug)]
 pub(in crate::fit) struct FieldFit {
     pub(super) solver: FieldSolver,
     pub(super) smoothness: Smoothness,
-    /// Whether it follows the surface that the observations span.
+    /// Whether the field follows the surface spanned by the observations.
     pub(super) follows_surface: bool,
     /// The residuals of the stacked fits, if the map is made from several.
     pub(super) stacked: Option<StackedResiduals>,
     pub(super) merged: MergedObservations,
-    /// The observations that the weights were estimated from.
+    /// The observations from which the weights were estimated.
     pub(super) sample: SampledObservations,
     pub(in crate::fit) smooth: SmoothField,
     pub(in crate::fit) observation_precision: f64,
     /// The penalties on the last weights, those of the cosines.
     pub(in crate::fit) ridges: Vec<f64>,
-    /// The number of pixels in holes at which basis functions contradicted the depths around.
+    /// Number of pixels in holes at which basis functions contradicted the surrounding depths.
     pub(in crate::fit) limited: usize,
 }
 
@@ -39,9 +39,9 @@ pub(super) enum FieldSolver {
     Few(CovarianceSolver),
     Many {
         field: PrecisionSolver,
-        /// The share of one observation in the directions of the weights that all determine.
+        /// Share of one observation in the total number of determined directions of the weights.
         share: f64,
-        /// The field of the sample, from which the covariance of the weights was found, unless it was freed.
+        /// Field of the sample, from which the covariance of the weights was computed; `None` if it was freed.
         of_sample: Option<CovarianceSolver>,
     },
 }
@@ -52,7 +52,7 @@ impl FieldFit {
         self.leverages_of(&self.observation_variances(solution), weights)
     }
 
-    /// The same from the variance of the fitted depth at each observation.
+    /// Returns the leverages from the variance of the fitted depth at each observation.
     fn leverages_of(&self, variances: &[f64], weights: &[f64]) -> Vec<f64> {
         let pairs = self.merged.of_points().zip(weights);
         let leverage = |(observation, weight): (Option<usize>, &f64)| {
@@ -64,18 +64,18 @@ impl FieldFit {
         pairs.map(leverage).collect()
     }
 
-    /// The residuals of the map, if they are not those of the fit.
+    /// Returns the residuals of the map, if they differ from those of the fit.
     pub(in crate::fit) fn map_residuals(&self) -> Option<&[f64]> {
         Some(&self.stacked.as_ref()?.map)
     }
 
-    /// How far the map goes from the joint fit to the median of three, if it is made from several.
+    /// Returns the share of the median of three fits in the map, if the map is stacked.
     pub(in crate::fit) fn median_share(&self) -> Option<f64> {
         Some(self.stacked.as_ref()?.share)
     }
 
-    /// Corrects leave-one-out errors of points with these `values` and weights, which are those of the joint fit for a given
-    /// surface: without an observation the surface differs, too, and the map also depends on other fits.
+    /// Corrects leave-one-out errors of points with these `values` and weights. They are those of the joint fit for a given
+    /// surface, but without an observation the surface also changes, and the map also depends on other fits.
     pub(in crate::fit) fn left_out(&self, values: &[f64], weights: &[f64], errors: &mut [f64]) {
         if !self.follows_surface {
             return;
@@ -109,7 +109,7 @@ impl FieldFit {
     fn observation_variances(&self, solution: &Solution) -> Vec<f64> {
         match &self.solver {
             FieldSolver::Few(field) => {
-                // What the weights add, at the observations, which come before step terms.
+                // Contribution of the weights, at the observations, which precede step terms.
                 let along = field.residuals(with_depth(solution.factor.as_ref()).as_ref());
                 let variances = field
                     .variances()
@@ -130,7 +130,8 @@ impl FieldFit {
         }
     }
 
-    /// The field of many observations where it is read from these pixels, and its variance; 0 of few.
+    /// Returns the field of many observations at the position given by `interpolation`, and its variance; 0 for few
+    /// observations.
     pub(in crate::fit) fn at(&self, interpolation: &InterpolationWeights) -> (f64, f64) {
         let variance = match &self.solver {
             FieldSolver::Few(_) => 0.0,
@@ -169,8 +170,8 @@ impl FieldFit {
         })
     }
 
-    /// The same of the field of blocks of pixels, and of few observations without what cosines add, in a fraction of the
-    /// time.
+    /// Like [`Self::variances`], for the field of blocks of pixels, and for few observations without the contribution of
+    /// cosines, in a fraction of the time.
     ///
     /// # Errors
     /// Equations that are not positive definite.
@@ -203,7 +204,8 @@ impl FieldFit {
         })
     }
 
-    /// At pixels of the coarse grid, the variance of what the weights multiply, less the field's response to it.
+    /// Returns, at pixels of the coarse grid, the variance due to the weights: that of the functions minus the field's
+    /// response.
     fn added(
         &self,
         factor: MatRef<'_, f64>,
@@ -245,7 +247,7 @@ impl FieldFit {
     }
 }
 
-/// The numbers of pixels at which the variance that weights add is computed: for the variances, and for features.
+/// Number of pixels at which the variance due to weights is computed: for the variances, and for features.
 const FINE: usize = 1100;
 const ROUGH: usize = 300;
 
@@ -255,13 +257,13 @@ const ROUGH: usize = 300;
 pub struct Variances {
     /// Height and width.
     pub size: (usize, usize),
-    /// Of the field, were the weights known.
+    /// Of the field for known weights.
     pub field: Vec<f64>,
-    /// What basis functions and cosines add.
+    /// Contribution of basis functions and cosines.
     pub weights: Vec<f64>,
 }
 
-/// The columns of a factor, with a last row for the depth, which does not vary.
+/// Returns the columns of a factor with an additional row for the depth, which does not vary.
 fn with_depth(factor: MatRef<'_, f64>) -> Mat<f64> {
     Mat::from_fn(factor.nrows() + 1, factor.ncols(), |i, j| {
         if i < factor.nrows() {

@@ -1,37 +1,37 @@
-//! The holes of dense depths: what basis functions may add to the depths around.
+//! Holes of dense depths, and limits on the contribution of basis functions in them.
 //!
-//! In a hole the field continues from its surroundings, and basis functions add their differences between the hole and
-//! these. They may be far off where the image in the hole is like nothing that was measured. The field of the
-//! depths alone, without basis functions, is a weighted mean of the depths around, so that it is within their range. What
-//! basis functions add to it counts as it is up to a margin beyond that range, and the less the farther beyond:
-//! basis functions that the surroundings contradict so clearly are outliers, and leave the field of the depths alone.
+//! In a hole the field continues from its surroundings, and basis functions add their differences between the hole and these.
+//! They may be far off if the image in the hole is unlike any observed part. The field of the depths alone, without basis
+//! functions, is a weighted mean of the surrounding depths, so it is within their range. The contribution of basis functions is
+//! kept up to a margin beyond that range, and is reduced the more it exceeds the margin: basis functions that contradict the
+//! surroundings so clearly are outliers, and only the field of the depths remains.
 
 use crate::bilinear::InterpolationWeights;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
-/// The share of the pixels that are observed, from which on the rest is holes.
+/// Least share of observed pixels for which the rest counts as holes.
 const DENSE: f64 = 0.15;
-/// The surroundings of a hole: everything up to so many pixels of the image from it.
+/// Radius of the surroundings of a hole, in pixels of the image.
 const REACH: f64 = 15.0;
-/// How much nearer than the nearest depth around, or farther than the farthest, depth may be: in a hole that is
-/// enclosed, and in one at the border of the image, beyond which floors and walls go on.
+/// Factor by which depth may be below the nearest or above the farthest surrounding depth: in an enclosed hole, and in a hole
+/// at the border of the image, beyond which floors and walls continue.
 const ENCLOSED: f64 = 1.2;
 const OPEN: f64 = 2.0;
 
-/// The pixels of a grid that no observation lies in, among dense observations.
+/// The pixels of a grid without an observation, among dense observations.
 pub(super) struct Holes {
     /// The pixels.
     pixels: Vec<u32>,
-    /// The hole of each of these.
+    /// The hole of each of these pixels.
     of_pixels: Vec<u32>,
-    /// The least and the largest value that each hole may have.
+    /// The smallest and the largest allowed value in each hole.
     bounds: Vec<[f64; 2]>,
 }
 
 impl Holes {
-    /// The holes among observations with these depths on a grid of `size` (height, width), in an image of the height `high`;
-    /// `None` if observations are sparse.
+    /// Finds the holes among observations with these depths on a grid of `size` (height, width), in an image of the height
+    /// `high`; `None` if observations are sparse.
     pub(super) fn new(
         interpolation: &[InterpolationWeights],
         depths: &[f64],
@@ -52,7 +52,7 @@ impl Holes {
         let ranges = ranges(&known, &labels, &holes, size, reach);
         let bounds = holes.iter().zip(ranges).map(|(hole, [low, high])| {
             let margin = if hole.open { OPEN } else { ENCLOSED };
-            // Without depths around, from 0 to infinity.
+            // Without surrounding depths, the range is 0 to infinity.
             let [one, other] = [low / margin, high * margin];
             [one.min(other), one.max(other)]
         });
@@ -66,14 +66,13 @@ impl Holes {
         })
     }
 
-    /// The pixels in holes.
+    /// Returns the pixels in holes.
     pub(super) fn pixels(&self) -> &[u32] {
         &self.pixels
     }
 
-    /// Changes the field at pixels in holes, where `functions` are what is added to it there, so that their sum is
-    /// within its bounds. `alone` is the field of the observations without functions. Returns the number of pixels that
-    /// changed.
+    /// Changes the field at pixels in holes, to which `functions` are added, so that their sum is within its bounds. `alone` is
+    /// the field of the observations without functions. Returns the number of changed pixels.
     pub(super) fn limit(
         &self,
         functions: &[f64],
@@ -106,7 +105,7 @@ impl Holes {
     }
 }
 
-/// Pixels without depth that touch, by a side or a corner.
+/// Connected pixels without depth; pixels are connected by a side or a corner.
 struct Hole {
     pixels: Vec<u32>,
     /// Whether it touches the border of the image.
@@ -150,7 +149,7 @@ fn labelled(known: &[f64], (height, width): (usize, usize)) -> (Vec<u32>, Vec<Ho
     (labels, holes)
 }
 
-/// A range that holds nothing.
+/// An empty range.
 const NOTHING: [f64; 2] = [f64::INFINITY, 0.0];
 
 fn joined([low, high]: [f64; 2], [l, h]: [f64; 2]) -> [f64; 2] {
@@ -177,7 +176,7 @@ fn ranges(
         rows.any(|v| labels[v * width..][columns.clone()].contains(&NONE))
     };
     let of_hole = |hole: &Hole| {
-        // What is near the inner pixels of a hole is near those at its rim.
+        // The range of a hole's rim includes that of its inner pixels.
         let rim = hole.pixels.iter().filter(|&&pixel| is_rim(pixel));
         let ranges = rim.map(|&pixel| around[pixel as usize]);
         ranges.fold(NOTHING, joined)
@@ -185,13 +184,13 @@ fn ranges(
     holes.iter().map(of_hole).collect()
 }
 
-/// The nearest and the farthest depth within `reach` pixels of each pixel. A disc is a stack of runs of a row each, and
-/// the extremes of a run are those of two runs of a power of two, which all discs share.
+/// Returns the nearest and the farthest depth within `reach` pixels of each pixel. A disc is a stack of runs, one per row, and
+/// the extremes of a run are those of two runs of a power-of-two length, which all discs share.
 fn ranges_around(known: &[f64], (height, width): (usize, usize), reach: f64) -> Vec<[f64; 2]> {
     /// Rows of a task.
     const STRIP: usize = 32;
     let beyond = reach as usize;
-    // How far a disc goes to both sides in each row above and below its centre.
+    // Half width of a disc in each row above and below its centre.
     let halves: Vec<usize> = (0..=beyond)
         .map(|row| (reach * reach - (row * row) as f64).sqrt() as usize)
         .collect();
@@ -230,8 +229,8 @@ fn ranges_around(known: &[f64], (height, width): (usize, usize), reach: f64) -> 
     found
 }
 
-/// The ranges of runs of 1, 2, 4, ... values of a row, NaN for none, with `beyond` more on both sides: up to the longest
-/// within `2 beyond + 1`.
+/// Computes the ranges of runs of 1, 2, 4, ... values of a row, NaN for missing values, with `beyond` more values on both
+/// sides, for lengths up to `2 beyond + 1`.
 fn runs_of_powers(row: &[f64], beyond: usize, runs: &mut Vec<Vec<[f64; 2]>>) {
     runs.clear();
     let mut run = vec![NOTHING; row.len() + 2 * beyond];

@@ -1,23 +1,23 @@
-//! Marginalisation of weights, namely those of the cosine basis, out of the moments.
+//! Marginalisation of the weights of the cosine basis from the moments.
 
 use crate::error::FitError;
 use crate::fit::lstsq::{Moments, Solution};
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
 
-/// What is left of the last columns of moments.
+/// Statistics of the eliminated last columns of moments.
 pub(super) struct Eliminated {
-    /// `W = L L^T`: their normal matrix with their ridges.
+    /// `W = L L^T`: normal matrix of these columns with their ridges.
     normal: Llt<f64>,
-    /// `W^-1 M^T d`: their weights, were the others 0.
+    /// `W^-1 M^T d`: their weights if all other weights were 0.
     alone: Mat<f64>,
     /// `W^-1` times their normal matrix with the other columns `[columns, others]`.
     response: Mat<f64>,
 }
 
 impl Moments {
-    /// The moments of the columns before the last ones, over which the sum of squares with `ridges` is
-    /// minimised: one ridge for each of the last columns.
+    /// Returns the moments of the columns before the last ones, with the sum of squares with `ridges` minimised over the last
+    /// columns; there is one ridge per last column.
     ///
     /// # Errors
     /// Values that are not finite.
@@ -53,8 +53,8 @@ impl Moments {
 }
 
 impl Eliminated {
-    /// The solution for all columns from that for the others, x: `alone - response x` with the
-    /// covariance `response K K^T response^T + W^-1`.
+    /// Returns the solution for all columns from that for the others, x: `alone - response x` with the covariance
+    /// `response K K^T response^T + W^-1`.
     pub(super) fn extended(&self, others: &Solution) -> Solution {
         let (first, rank) = (others.weights.len(), others.factor.ncols());
         let last = self.alone.nrows();
@@ -83,8 +83,8 @@ impl Eliminated {
     }
 }
 
-/// What points determine of all columns, in directions: the trace of their normal matrix times the covariance of their
-/// weights, from the normal matrix of the columns before the last ones, which have these ridges.
+/// Returns the number of directions determined by the points for all columns: the trace of their normal matrix times the
+/// covariance of their weights, from the normal matrix of the columns before the last ones, which have these ridges.
 pub(super) fn determined(others: &Mat<f64>, ridges: &[f64], all: &Solution) -> f64 {
     let first = others.nrows();
     let (own, last) = all.factor.split_at_row(first);

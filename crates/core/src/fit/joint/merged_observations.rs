@@ -1,4 +1,4 @@
-//! Points in the form in which a field observes them.
+//! Conversion of points to observations of a field.
 
 use super::JointConfig;
 use crate::bilinear::InterpolationWeights;
@@ -18,7 +18,7 @@ pub(super) struct MergedObservations {
     pub(super) depths: Vec<f64>,
     /// Mean positions (u, v) on the grid of the field.
     pub(super) places: Vec<[f64; 2]>,
-    /// The mean weight of the points of each.
+    /// Mean weight of the points of each observation.
     means: Vec<f64>,
     /// The factors of [`Self::scale`].
     scales: Vec<f64>,
@@ -26,13 +26,13 @@ pub(super) struct MergedObservations {
     of_points: Vec<u32>,
     /// The points of all observations, one observation after the other.
     members: Vec<u32>,
-    /// The share of each of these in its observation.
+    /// Share of each of these points in its observation.
     shares: Vec<f64>,
-    /// Where the points of each observation begin, and the end.
+    /// Start of the points of each observation, followed by the end.
     starts: Vec<usize>,
 }
 
-/// Observations of a task.
+/// Observations per task.
 const TOGETHER: usize = 128;
 
 /// No observation.
@@ -43,7 +43,7 @@ const NONE: u32 = u32::MAX;
 pub(super) struct SampledObservations {
     pub(super) interpolation: Vec<InterpolationWeights>,
     pub(super) weights: Vec<f64>,
-    /// Basis functions, each the mean of the points, and depth.
+    /// Basis functions and depth, each the mean over the points.
     pub(super) rows: Vec<f64>,
 }
 
@@ -58,7 +58,7 @@ impl MergedObservations {
             FitError::Shape("a field cannot be fitted to points whose places are unknown".into())
         })?;
         let (mut members, starts) = by_pixel(places, weights, geometry);
-        // Within a pixel by place and depth, so that the order of the points does not matter.
+        // Sorted within a pixel by position and depth, so that the order of the points does not matter.
         let key = |i: u32| {
             let i = i as usize;
             [places[i][1], places[i][0], rows.values[i]]
@@ -219,8 +219,8 @@ impl MergedObservations {
     }
 }
 
-/// The points with a weight, sorted by the pixels of the field that contain them, and where those of each pixel with
-/// points begin, and the end.
+/// Returns the points with a weight, sorted by the pixels of the field that contain them, and the start of the points of each
+/// non-empty pixel, followed by the end.
 fn by_pixel(
     places: &[[f64; 2]],
     weights: &[f64],
@@ -243,7 +243,7 @@ fn by_pixel(
     for end in ends.iter_mut().filter(|count| **count > 0) {
         total += *end;
         starts.push(total as usize);
-        // Where the next point goes.
+        // Index of the next point.
         *end = total - *end;
     }
     let mut members = vec![0; total as usize];
@@ -257,7 +257,7 @@ fn by_pixel(
     (members, starts)
 }
 
-/// At most so many of the first numbers, in ascending order.
+/// Returns at most `most` of the first `count` numbers, in ascending order.
 fn choice(count: usize, most: usize) -> Vec<usize> {
     let mut all: Vec<usize> = (0..count).collect();
     if count > most {

@@ -55,7 +55,7 @@ pub struct JointConfig {
     /// divided by F.
     #[serde(alias = "waves")]
     pub cosines: f64,
-    /// Whether the field follows the surface that the points span, where that is plausible.
+    /// Whether the field follows the surface spanned by the points, where that is plausible.
     pub surface: bool,
     /// Penalty on the square of a cosine's weight at low frequencies.
     pub bending: f64,
@@ -92,7 +92,7 @@ impl JointConfig {
     /// # Errors
     /// The first setting that is out of range.
     pub fn check(&self) -> Result<(), SettingsError> {
-        /// Of cosines there are about 10 x the square of the frequency.
+        /// The number of cosines is about 10 x the square of the frequency.
         const MOST: f64 = 8.0;
         if !(0.0..=MOST).contains(&self.cosines) {
             return Err(SettingsError::new(format!(

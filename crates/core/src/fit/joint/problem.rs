@@ -15,7 +15,7 @@ pub struct Adjoint {
     /// The number of candidates.
     pub candidates: usize,
     pixels: Vec<u32>,
-    /// Basis functions and depth of each.
+    /// Basis functions and depth of each point.
     values: Vec<f64>,
     observation_precision: f64,
     normal: Llt<f64>,
@@ -26,9 +26,9 @@ pub struct Adjoint {
 
 /// The gradients of one problem.
 pub struct Gradients {
-    /// Of the basis functions, `[points, k]`.
+    /// Gradient of the basis functions, `[points, k]`.
     pub bases: Vec<f64>,
-    /// Of the affinities, `[height, width, 2]`.
+    /// Gradient of the affinities, `[height, width, 2]`.
     pub affinities: Vec<f64>,
 }
 

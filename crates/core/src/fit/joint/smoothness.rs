@@ -1,4 +1,4 @@
-//! How smooth the field of an image is, and how observations are added to it.
+//! The smoothness of the field of an image, and its combination with observations.
 
 use super::crowded::Crowded;
 use super::merged_observations::{MergedObservations, SampledObservations};
@@ -12,9 +12,9 @@ use crate::fit::affinities::Affinities;
 pub(super) struct Smoothness {
     pub(super) affinities: Affinities,
     pub(super) regularisation: f64,
-    /// Whether [step terms](SmoothnessTerm) are added: in an image that is larger than the field.
+    /// Whether [step terms](SmoothnessTerm) are added: if the image is larger than the field.
     pub(super) smooths_steps: bool,
-    /// Whether observations are lumped where they are crowded: not in a rough field.
+    /// Whether crowded observations are lumped: not in a rough field.
     pub(super) lumped: bool,
 }
 
@@ -86,7 +86,7 @@ impl Smoothness {
         }
     }
 
-    /// The same without step terms, which matter for the map, not for the weights.
+    /// Returns this without step terms, which affect the map but not the weights.
     pub(super) fn without_step_terms(&self) -> Self {
         Self {
             smooths_steps: false,
@@ -94,7 +94,7 @@ impl Smoothness {
         }
     }
 
-    /// The number of observations and step terms, where no observation is lumped.
+    /// Returns the number of observations and step terms, if no observation is lumped.
     pub(super) fn equations(&self, merged: &MergedObservations) -> Option<usize> {
         let crowded = self.crowded(&merged.interpolation);
         let terms = || {
@@ -154,7 +154,7 @@ impl Smoothness {
         /// Weight of the product of shares and squared step, relative to that of the observation. Of 0.001, 0.003, 0.01,
         /// 0.03 and 0.1 on frames of training and of other cameras: with more, edges are less sharp.
         const STEP: f64 = 0.01;
-        /// Terms weaker than the affinity of the pixels times this are left out: they change next to nothing.
+        /// Terms weaker than the affinity of the pixels times this are omitted, because their effect is negligible.
         const RELEVANT: f64 = 4.0;
         let mut terms = Vec::new();
         if !self.smooths_steps {

@@ -29,11 +29,11 @@ pub(super) struct Stack {
     pub(super) joint: Vec<f64>,
     /// The field alone.
     pub(super) field: Vec<f64>,
-    /// How far the map goes from the joint fit to the median.
+    /// Share of the median in the map, from 0 (the joint fit) to 1.
     pub(super) share: f64,
 }
 
-/// The residuals of the points: of the map, and of the field alone.
+/// Residuals of the points, for the map and for the field alone.
 #[derive(Debug)]
 pub(super) struct StackedResiduals {
     pub(super) map: Vec<f64>,
@@ -41,8 +41,9 @@ pub(super) struct StackedResiduals {
     pub(super) share: f64,
 }
 
-/// The share for more observations than are predicted one by one. From 0 to 1, the errors with 2,000 and 5,000 points at
-/// random change by less than 0.3 % indoors, and fall outdoors; with 16 rows of points they rise by 1.5 % indoors.
+/// The share if there are too many observations to predict them one by one. For shares from 0 to 1, the errors with 2,000 and
+/// 5,000 random points change by less than 0.3 % indoors, and decrease outdoors; with 16 rows of points they increase by 1.5 %
+/// indoors.
 const OF_MANY: f64 = 1.0;
 
 /// The prior share, with the weight of this many observations.
@@ -71,13 +72,14 @@ impl Stack {
     }
 }
 
-/// The combination of the columns that is the residual: the last, of depths, minus the others times their weights.
+/// Returns the combination of the columns that is the residual: the last column, of depths, minus the weighted sum of the
+/// others.
 pub(super) fn residual_combination(weights: &[f64]) -> Vec<f64> {
     let negated = weights.iter().map(|weight| -weight);
     negated.chain([1.0]).collect()
 }
 
-/// The map of few observations.
+/// Returns the map for few observations.
 pub(super) fn stack_few(
     surface: &Surface,
     (merged, rows): (&MergedObservations, &FitRows<'_>),
@@ -105,7 +107,7 @@ pub(super) fn stack_few(
     (stack.map(&functions, surface.inside()), stack)
 }
 
-/// The map of many observations, for targets without the basis functions times these weights.
+/// Returns the map for many observations, with targets from which the weighted basis functions are subtracted.
 pub(super) fn stack_many(
     surface: &Surface,
     (merged, rows): (&MergedObservations, &FitRows<'_>),
@@ -129,7 +131,8 @@ pub(super) fn stack_many(
     (stack.map(&functions, everywhere), stack)
 }
 
-/// Basis functions x weights at every pixel. Observations span a surface only if these are known.
+/// Returns the weighted sum of basis functions at every pixel. Observations span a surface only if the functions are known
+/// there.
 fn basis_map(rows: &FitRows<'_>, weights: &[f64], smoothness: &Smoothness) -> Vec<f32> {
     let functions = rows.everywhere();
     let size = smoothness.affinities.size();
@@ -157,7 +160,7 @@ pub(super) fn errors(depth: f64, given: [f64; 2], others: LeftOut) -> [f64; 2] {
 struct HeldOutObservations<'a> {
     merged: &'a MergedObservations,
     indices: Vec<usize>,
-    /// The leverages of these in the field alone.
+    /// Leverages of these observations in the field alone.
     leverages: Vec<f64>,
     /// The surface of the other observations at each observation.
     others: Vec<Option<LeftOut>>,
@@ -185,7 +188,7 @@ impl<'a> HeldOutObservations<'a> {
         }
     }
 
-    /// The share of the median in the map, for the fields of the joint fit and alone at every pixel.
+    /// Returns the share of the median in the map, given the fields of the joint fit and alone at every pixel.
     fn share(&self, found: &WeightEstimate, [joint, field]: [&[f64]; 2]) -> f64 {
         let (sample, weights) = (&found.sample, &found.solution.weights);
         let columns = sample.columns();
@@ -208,8 +211,8 @@ impl<'a> HeldOutObservations<'a> {
     }
 }
 
-/// The share that minimises the absolute errors of observations, from the leave-one-out errors of the joint fit and of the
-/// median.
+/// Returns the share that minimises the absolute errors of observations, from the leave-one-out errors of the joint fit and of
+/// the median.
 fn share(errors: impl Iterator<Item = [f64; 2]>) -> f64 {
     let steps = errors.map(|[joint, median]| (joint, joint - median));
     let mut ratios: Vec<(f64, f64)> = steps
@@ -298,7 +301,7 @@ mod tests {
         let found = stack.map(&[1.0; 4], surface.into_iter());
         // The medians are 2.5, 3, 3 and 6.
         assert_eq!(found, [1.25, 2.5, 1.625, 5.0]);
-        // Where the points span nothing, nothing changes.
+        // No change if the points span no surface.
         let found = stack.map(&[1.0; 4], [None; 4].into_iter());
         assert_eq!(found, stack.joint);
     }

@@ -1,4 +1,4 @@
-//! The surface that observations span: depth interpolated between them, without the image.
+//! The surface spanned by the observations: depth interpolated between them, without the image.
 //!
 //! A plane that a pinhole camera sees is linear in inverse depth. So between the observations, inverse depth is
 //! interpolated linearly over their Delaunay triangulation. The confidence in a triangle depends on how well its
@@ -24,15 +24,15 @@ use delaunator::{EMPTY, Point, Triangulation, next_halfedge, triangulate};
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
-/// The confidence in a triangle is a half if it lies this far off the planes of its neighbours, relative to depth. This
-/// constant and the next five were chosen on frames of five outdoor scanners and of 20 sets of depth cameras, NYU's
-/// training frames among them.
+/// Distance of a triangle from the planes of its neighbours, relative to depth, that halves the confidence in it. This constant
+/// and the next five were chosen on frames of five outdoor scanners and of 20 sets of depth cameras, including NYU's training
+/// frames.
 const HINGE: f64 = 0.01;
-/// The same of the logarithm of the ratio of the farthest to the nearest corner.
+/// Logarithm of the ratio of the farthest to the nearest corner that halves the confidence.
 const SPREAD: f64 = 0.3;
-/// What is added to the affinity of two pixels at full confidence: that of a uniform image.
+/// Increase of the affinity of two pixels at full confidence: the affinity in a uniform image.
 const FIRM: f64 = 1.0;
-/// The power of the confidence by which this falls.
+/// Exponent of the confidence in this increase.
 const FALL: i32 = 8;
 /// The weight of the steps of basis functions near many observations, between and beyond them. With few observations it
 /// is 1: on NYU's frames with 5 points, half of it would raise the RMSE by 18 %.
@@ -41,21 +41,21 @@ const BEYOND: f64 = 0.5;
 /// The weight is 1 up to this number of observations, and as above from this number on.
 const FEW: f64 = 50.0;
 const MANY: f64 = 500.0;
-/// A gap between observations of so many times the usual width is wide by half: far from all observations, only basis
-/// functions predict the scene. Chosen on ten sets of depth cameras and six of laser scanners; from 2 to 6, errors change
-/// by less than 1.5 %.
+/// Width of a gap between observations, relative to the usual width, at which it counts as half wide: far from all
+/// observations, only basis functions predict the scene. Chosen on ten sets of depth cameras and six of laser scanners; from 2
+/// to 6, errors change by less than 1.5 %.
 const GAP: f64 = 4.0;
 
-/// Pixels of a task.
+/// Pixels per task.
 const TOGETHER: usize = 1 << 12;
 
 /// Depth between observations at every pixel.
 pub(super) struct Surface {
-    /// Outside of the triangulation, those of the nearest pixel inside.
+    /// Depths; outside the triangulation, those of the nearest pixel inside.
     depths: Vec<f64>,
-    /// From 0 to 1; NaN outside of the triangulation.
+    /// Confidence from 0 to 1; NaN outside the triangulation.
     confidence: Vec<f64>,
-    /// From 1 where the observations are as dense as they usually are to 0 in wide gaps and far beyond them.
+    /// From 1 at the usual density of observations to 0 in wide gaps and far outside.
     narrow: Vec<f64>,
     /// The weight of the steps of basis functions in narrow gaps and close beyond the observations.
     within: f64,
@@ -74,8 +74,8 @@ pub(super) struct LeftOut {
 }
 
 impl Surface {
-    /// The surface through depths above 0 at positions (u, v) on a grid of `size` (height, width). Depths whose
-    /// `firmness` is below 1 lower the confidence in the triangles around them. `None` if they span nothing.
+    /// Returns the surface through depths above 0 at positions (u, v) on a grid of `size` (height, width). Depths with a
+    /// `firmness` below 1 reduce the confidence in the triangles around them. `None` if they span no triangle.
     pub(super) fn through(
         places: &[[f64; 2]],
         depths: &[f64],
@@ -106,7 +106,7 @@ impl Surface {
         let distances = continue_outside(&mut found.depths, size);
         let pixels = found.narrow.iter_mut().zip(distances);
         for (value, distance) in pixels.filter(|(_, distance)| *distance > 0.0) {
-            // The middle of a gap is half its width away from the observations beside it.
+            // The middle of a gap is half its width away from the observations next to it.
             *value = narrow(2.0 * f64::from(distance));
         }
         // Observations may span less than a pixel.
@@ -117,8 +117,8 @@ impl Surface {
             .then_some(found)
     }
 
-    /// The depth at every pixel, and from 1 to 0 how narrow the gap between observations is there; none outside of the
-    /// triangulation.
+    /// Returns the depth at every pixel with the narrowness of the gap between observations there, from 1 to 0; `None` outside
+    /// the triangulation.
     pub(super) fn inside(&self) -> impl Iterator<Item = Option<(f64, f64)>> {
         let pixels = self.depths.iter().zip(&self.narrow).zip(&self.confidence);
         pixels.map(|((depth, narrow), confidence)| {
@@ -126,8 +126,8 @@ impl Surface {
         })
     }
 
-    /// The right-hand sides of the expected steps in the equations of the field beside basis functions, whose values at
-    /// every pixel are `functions`, and of the field alone.
+    /// Returns the right-hand sides of the expected steps: in the equations of the field that is added to basis functions,
+    /// whose values at every pixel are `functions`, and in those of the field alone.
     pub(super) fn right_sides(&self, grid: &Grid<'_>, functions: &[f32]) -> Vec<[f64; 2]> {
         self.divergence(grid, |one, other| {
             let functions = f64::from(functions[other]) - f64::from(functions[one]);
@@ -136,7 +136,7 @@ impl Surface {
         })
     }
 
-    /// The same of the field alone.
+    /// Like [`Self::right_sides`], for the field alone.
     pub(super) fn right_side(&self, grid: &Grid<'_>) -> Vec<[f64; 1]> {
         self.divergence(grid, |one, other| [self.expected(one, other).0])
     }
@@ -236,7 +236,8 @@ impl Surface {
     }
 }
 
-/// The weight of the steps of basis functions, from 1 with few observations to `least` with many, by the logarithm of their number.
+/// Returns the weight of the steps of basis functions, from 1 for few observations to `least` for many, by the logarithm of
+/// their number.
 fn basis_weight(least: f64, count: usize) -> f64 {
     let place = (count as f64 / FEW).ln() / (MANY / FEW).ln();
     1.0 - (1.0 - least) * place.clamp(0.0, 1.0)
@@ -258,7 +259,8 @@ pub(super) fn left_out(
     }
     let one = |observation: usize, &edge: &usize| {
         let (ring, confidence) = mesh.around(edge)?;
-        // Without an observation, those around it are triangulated as they would be alone: no other lies in their circles.
+        // Without an observation, its neighbours have the Delaunay triangulation of these points alone, because no other
+        // observation is in their circumcircles.
         let own: Vec<[f64; 2]> = ring.iter().map(|&other| places[other]).collect();
         let points: Vec<Point> = own.iter().map(|&[x, y]| Point { x, y }).collect();
         let found = triangulate(&points).triangles;
@@ -272,7 +274,7 @@ pub(super) fn left_out(
     of_all(&edges, one)
 }
 
-/// What follows from each item and its index, in tasks of many.
+/// Computes a value from each item and its index, with many items per task.
 fn of_all<T: Sync, R: Send>(items: &[T], of: impl Fn(usize, &T) -> R + Sync) -> Vec<R> {
     /// Items of a task.
     const MANY: usize = 1 << 8;
@@ -286,9 +288,9 @@ fn of_all<T: Sync, R: Send>(items: &[T], of: impl Fn(usize, &T) -> R + Sync) -> 
 /// The Delaunay triangulation of observations.
 struct Mesh {
     triangulation: Triangulation,
-    /// Of each triangle; none if its corners lie on a line.
+    /// Plane of each triangle; `None` if its corners are collinear.
     planes: Vec<Option<Plane>>,
-    /// The longest edge of each, in pixels.
+    /// Longest edge of each triangle, in pixels.
     gaps: Vec<f64>,
     confidence: Vec<f64>,
 }
@@ -368,8 +370,8 @@ impl Mesh {
     }
 }
 
-/// Gives pixels without depth that of the nearest with one, nearly: distances go by neighbours (Borgefors 1986). Returns
-/// these distances, 0 at pixels with a depth.
+/// Sets pixels without depth to approximately the nearest depth: distances are propagated between neighbours (Borgefors 1986).
+/// Returns these distances, 0 at pixels with a depth.
 fn continue_outside(depths: &mut [f64], (height, width): (usize, usize)) -> Vec<f32> {
     let distances = |depth: &f64| if *depth > 0.0 { 0.0 } else { f32::MAX };
     let mut distances: Vec<f32> = depths.iter().map(distances).collect();
@@ -384,7 +386,7 @@ fn continue_outside(depths: &mut [f64], (height, width): (usize, usize)) -> Vec<
         for i in 0..height * width {
             let at = if forward { i } else { height * width - 1 - i };
             let (x, y) = (at % width, at / width);
-            // The neighbours that were passed already.
+            // The neighbours that were already visited.
             let (beside, row) = if forward {
                 (x.checked_sub(1), y.checked_sub(1))
             } else {
@@ -410,7 +412,7 @@ fn continue_outside(depths: &mut [f64], (height, width): (usize, usize)) -> Vec<
     distances
 }
 
-/// The median of up to three distances, of which some may be missing: infinite.
+/// Returns the median of up to three distances; missing distances are infinite.
 fn middle(mut values: [f64; 3]) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     match values {
@@ -428,7 +430,7 @@ struct Plane {
 }
 
 impl Plane {
-    /// `None` if the corners lie on a line.
+    /// `None` if the corners are collinear.
     fn through(corners: [usize; 3], places: &[[f64; 2]], values: &[f64]) -> Option<Self> {
         let [a, b, c] = corners.map(|i| places[i]);
         let area = cross(a, b, c);
@@ -463,8 +465,8 @@ impl Plane {
         pairs.map(|(share, value)| share * value).sum()
     }
 
-    /// How far a value at a position lies off the plane, relative to the least of it and of those of the corners, in units
-    /// of the error that the plane would have there if each corner had an error of 1.
+    /// Returns the distance of a value from the plane at a position, relative to the smallest of this value and those of the
+    /// corners, in units of the error of the plane there if each corner had an error of 1.
     fn off(&self, place: [f64; 2], value: f64) -> f64 {
         let shares = self.shares(place);
         let expected: f64 = shares.iter().zip(self.values).map(|(s, v)| s * v).sum();
@@ -488,7 +490,7 @@ impl Plane {
             let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
             for k in 0..3 {
                 let (p, q) = (self.corners[k], self.corners[(k + 1) % 3]);
-                // The same from both triangles beside an edge.
+                // Identical for both triangles at an edge.
                 let (p, q) = if p[1] <= q[1] { (p, q) } else { (q, p) };
                 if p[1] <= line && line < q[1] {
                     let x = p[0] + (line - p[1]) / (q[1] - p[1]) * (q[0] - p[0]);
@@ -813,7 +815,7 @@ mod tests {
             mixed.collect()
         }
 
-        /// The same of the joint fit, or of the field alone.
+        /// The minimum for the joint fit, or for the field alone.
         fn minimum(&self, fit: &Fit, perspective: bool, with_functions: bool) -> Vec<f64> {
             let depths: Vec<f64> = self.depths.iter().copied().map(f64::from).collect();
             let surface =

@@ -77,7 +77,7 @@ impl Example {
         self.fit_in(config, (HEIGHT, WIDTH), keep)
     }
 
-    /// To some points, whose places are in an image of `size` (height, width).
+    /// Fits points whose positions are in an image of `size` (height, width).
     fn fit_in(
         &self,
         config: &FitConfig,
@@ -189,7 +189,7 @@ fn deviations_are_those_of_the_gaussian_posterior() {
         .unwrap()
         .unwrap();
 
-    // Of field and weights together; nothing is assumed of the constant.
+    // For field and weights together; the constant has no prior.
     let pixels = HEIGHT * WIDTH;
     let size = pixels + 3;
     let mut precision = precision(
@@ -544,7 +544,7 @@ fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
     let mut dense = vec![fit.weights[0] as f32; height * width];
     cosines.add_to((height, width), &fit.weights[1..], &mut dense);
     fit.smooth().unwrap().add_to((height, width), &mut dense);
-    // Beyond the points nothing is known of slopes.
+    // Slopes are undetermined beyond the points.
     let between = |i: &usize| (6..=42).contains(&(i % width)) && (6..=30).contains(&(i / width));
     let pixels: Vec<usize> = (0..dense.len()).filter(between).collect();
     let off =
@@ -815,7 +815,7 @@ fn many_points_have_the_field_of_the_dense_equations() {
     let (matrix, right) = many.equations();
     let found = many.fit();
     let (pixels, columns) = (MANY * MANY, found.weights.len());
-    // Those of the field, for the weights that were found.
+    // The equations of the field for the fitted weights.
     let weights = Mat::from_fn(columns, 1, |j, _| found.weights[j]);
     let right_of_field = right.get(..pixels, ..) - matrix.get(..pixels, pixels..) * weights;
     let own = matrix.get(..pixels, ..pixels).llt(Side::Lower).unwrap();
@@ -839,7 +839,7 @@ fn weights_of_many_points_are_nearly_those_of_the_dense_equations() {
     let covariance = equations.solve(Mat::<f64>::identity(right.nrows(), right.nrows()));
     let found = many.fit();
     let first = MANY * MANY;
-    // They are found from a part of the points: those errors are larger than the ones that all leave.
+    // They are estimated from a part of the points, so their errors are larger than with all points.
     for (j, weight) in found.weights.iter().enumerate() {
         let deviation = (covariance[(first + j, first + j)] * found.noise).sqrt();
         let off = (weight - expected[(first + j, 0)]) / deviation;
@@ -881,7 +881,8 @@ fn upsampling() -> Upsampling {
     Upsampling::new(image, (colours(grid.0 * grid.1, "grid"), grid)).unwrap()
 }
 
-/// The step terms of a point have a hundredth of its weight times the shares of its pixels, where affinities are low: both forms of the field against dense equations.
+/// Step terms of a point have a hundredth of its weight times the shares of its pixels, where affinities are low: compares both
+/// forms of the field with dense equations.
 #[test]
 fn points_of_a_larger_image_have_step_terms() {
     let upsampling = upsampling();

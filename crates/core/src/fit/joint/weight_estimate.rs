@@ -1,4 +1,4 @@
-//! The weights of a joint fit, and what they were estimated from.
+//! The weights of a joint fit, and the observations from which they were estimated.
 
 use super::merged_observations::SampledObservations;
 use crate::fit::lstsq::Solution;
@@ -10,6 +10,6 @@ pub(super) struct WeightEstimate {
     pub(super) lambda: f64,
     /// The number of directions of the weights that the observations determine.
     pub(super) determined: f64,
-    /// The observations that they were estimated from.
+    /// The observations from which the weights were estimated.
     pub(super) sample: SampledObservations,
 }

@@ -10,7 +10,7 @@ use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::{Accum, Mat, MatRef, Par, Side};
 use rayon::prelude::*;
 
-/// How a problem is solved.
+/// The solver of a problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solver {
     /// Truncated SVD: directions whose singular values are at most this fraction of the largest are
@@ -45,7 +45,7 @@ pub struct Moments {
     pub count: usize,
 }
 
-/// The weights of the basis functions, and everything that follows from them in closed form.
+/// The weights of the basis functions, and quantities derived from them in closed form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// One weight per basis function.
@@ -73,7 +73,7 @@ impl Solution {
     /// that the row would have if it were left out (Allen 1974).
     pub fn leverages<T: Copy + Into<f64>>(&self, bases: &[T], weights: &[f64]) -> Vec<f64> {
         let spreads = self.spreads(bases).into_iter().zip(weights);
-        // Rounding may go a little beyond.
+        // Rounding may slightly exceed the range.
         spreads.map(|(s, w)| (s * w).clamp(0.0, 1.0)).collect()
     }
 }
@@ -212,7 +212,7 @@ impl Problem {
 
     /// The lower half of `M^T M`, and `M^T d`.
     fn normal(&self) -> (Mat<f64>, Vec<f64>) {
-        /// Rows of one task. Not a matter of the number of threads, so that the sum is not either.
+        /// Rows per task; independent of the number of threads, so that the sum is, too.
         const ROWS: usize = 256;
         let row = self.columns + 1;
         let parts: Vec<Mat<f64>> = self

@@ -6,7 +6,7 @@ use crate::nearest::NeighbourGrid;
 use faer::Mat;
 use rayon::prelude::*;
 
-/// The nearest points predict nearly what all together would: what is farther is hidden behind them.
+/// Number of nearest points in a prediction; they screen the influence of farther points.
 const NEAREST: usize = 16;
 
 /// Points with the covariances of each and its nearest others.
@@ -20,20 +20,20 @@ pub(super) struct LocalKriging<'a> {
 #[derive(Debug)]
 struct Surroundings {
     nearest: Vec<usize>,
-    /// Among the nearest, lower half, row by row.
+    /// Covariance of the nearest points, lower half, row by row.
     covariance: Vec<f64>,
-    /// Of the point with the nearest.
+    /// Covariance of the point with the nearest points.
     across: Vec<f64>,
-    /// Of the point.
+    /// Variance of the point.
     variance: f64,
 }
 
 impl<'a> LocalKriging<'a> {
-    /// Points with such `values`, each of which is in one of the `blocks`; it is predicted by others in its block.
-    /// `covariance` finds the covariances of the values of a block before noise.
+    /// From points with these `values`; each is in one of the `blocks`, and is predicted by others in its block. `covariance`
+    /// computes the covariances of the values of a block before noise.
     ///
     /// # Errors
-    /// Those of `covariance`.
+    /// The errors of `covariance`.
     pub(super) fn new(
         values: &'a [f64],
         places: &[[f64; 2]],
@@ -78,7 +78,7 @@ impl Predict for LocalKriging<'_> {
 }
 
 impl Surroundings {
-    /// The surroundings of all points at such `places`, with the covariances of their values.
+    /// Returns the surroundings of all points at these positions, with the covariances of their values.
     fn all(places: &[[f64; 2]], covariance: &Mat<f64>) -> Vec<Self> {
         let cells = NeighbourGrid::new(places);
         let around = |(i, place): (usize, &[f64; 2])| {
@@ -104,7 +104,7 @@ impl Surroundings {
     /// The expected value of the point, and its variance, given noisy values of the nearest others (simple
     /// kriging).
     fn predict(&self, values: &[f64], noise: &[f64]) -> (f64, f64) {
-        /// The share of a variance that is rounding.
+        /// Share of a variance that may be rounding error.
         const ROUNDING: f64 = 1e-12;
         let n = self.nearest.len();
         let start = |i: usize| i * (i + 1) / 2;
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn predictions_are_what_is_left_out_of_the_inverse() {
-        // Few enough points that all predict each.
+        // So few points that all of them predict each one.
         const N: usize = 9;
         let place = |i: usize| {
             [

@@ -17,7 +17,7 @@ use crate::fit::medians::{deviation, median, weighted_median};
 use crate::nearest::NeighbourGrid;
 use rayon::prelude::*;
 
-/// Points to be tested.
+/// Points of the outlier test.
 #[derive(Clone, Debug)]
 pub(super) struct TestedPoints {
     pub(super) values: Vec<f64>,
@@ -28,9 +28,9 @@ pub(super) struct TestedPoints {
     pub(super) unit: f64,
 }
 
-/// How each point is predicted from the others.
+/// Predicts each point from the others.
 pub(super) trait Predict {
-    /// The predictions by points with such variances of their noise.
+    /// Returns the predictions from points with these noise variances.
     fn predict(&self, noise: &[f64]) -> Result<Predictions>;
 }
 
@@ -52,25 +52,25 @@ pub struct InlierPosterior {
     pub error: f64,
     /// The scale of the errors of inliers there.
     pub scale: f64,
-    /// The inverse variance of noise with which the point has the influence on a fit of that probability.
+    /// The inverse noise variance that gives the point its influence on a fit at this probability.
     pub(super) precision: f64,
 }
 
-/// The most rounds of predictions without tests by neighbours, and with them.
+/// Largest number of rounds of predictions without and with tests by neighbours.
 const ROUNDS: [usize; 2] = [8, 4];
-/// The same by rough predictions: with 8 and 2, errors of maps are the same; with 1 and 1, those with many outliers
-/// are 2 to 4 % larger.
+/// The same for rough predictions: with 8 and 2, errors of maps are unchanged; with 1 and 1, they are 2 to 4 % larger if there
+/// are many outliers.
 const ROUGHLY: [usize; 2] = [2, 1];
-/// Rounds end when no more points than one in so many change their probability by this.
+/// Rounds end when at most one in this many points changes its probability by more than the given amount.
 const SETTLED: (usize, f64) = (1000, 0.02);
-/// Steps of expectation maximisation in the first round, and in others.
+/// Number of expectation-maximisation steps in the first round, and in others.
 const STEPS: [usize; 2] = [12, 5];
-/// With fewer points there is nothing to compare.
+/// Least number of points for a comparison.
 const FEWEST: usize = 4;
 /// The least probability that a point is an inlier.
 const LEAST: f64 = 1e-6;
 
-/// Tests each point by the others, which at first predict with noise of the variances `start`.
+/// Tests each point by the others. `start` are the noise variances of the first predictions.
 pub(super) fn test_outliers<'a>(
     points: &'a TestedPoints,
     start: &[f64],
@@ -79,7 +79,7 @@ pub(super) fn test_outliers<'a>(
     test_outliers_with(points, NearestPoints::new(points), start, predict)
 }
 
-/// The same with known neighbours.
+/// Like [`test_outliers`], with known neighbours.
 pub(super) fn test_outliers_with<'a>(
     points: &'a TestedPoints,
     neighbours: NearestPoints,
@@ -95,8 +95,8 @@ pub(super) fn test_outliers_with<'a>(
     Ok(test)
 }
 
-/// The same by rough predictions that cost little, and then by others. The lower number of outliers of both sets the final
-/// odds.
+/// Like [`test_outliers`], first with rough but fast predictions, then with others. The smaller number of outliers of both
+/// determines the final odds.
 pub(super) fn test_outliers_in_two_stages<'a>(
     points: &'a TestedPoints,
     neighbours: NearestPoints,
@@ -115,8 +115,8 @@ pub(super) fn test_outliers_in_two_stages<'a>(
     Ok(test)
 }
 
-/// The most rounds after rough predictions. The more points there are, the more a round costs, and the fewer are needed;
-/// but where many are wrong, these spoil the rough predictions, and with few rounds errors of maps are a sixth larger.
+/// Returns the largest number of rounds after rough predictions. With more points, a round takes longer, and fewer are needed;
+/// but many outliers disturb the rough predictions, and with few rounds errors of maps are a sixth larger.
 pub(super) fn rounds_after_rough(p_inlier: &[f64]) -> usize {
     const MANY: f64 = 0.15;
     let [few, many] = match p_inlier.len() {
@@ -131,7 +131,7 @@ pub(super) fn rounds_after_rough(p_inlier: &[f64]) -> usize {
     }
 }
 
-/// Points, and what is known of them after some rounds.
+/// Points, and their estimates after some rounds.
 #[derive(Debug)]
 pub(super) struct OutlierTest<'a> {
     points: &'a TestedPoints,
@@ -141,7 +141,7 @@ pub(super) struct OutlierTest<'a> {
     predictions: Predictions,
     p_inlier: Vec<f64>,
     scales: Vec<f64>,
-    /// The variances with which the points predict.
+    /// The noise variances of the points in predictions.
     noise: Vec<f64>,
     is_first: bool,
     /// The factor of the final odds that a point is an outlier.
@@ -170,7 +170,7 @@ impl<'a> OutlierTest<'a> {
         })
     }
 
-    /// At most `most` rounds, with tests by neighbours or without.
+    /// Runs at most `most` rounds, with or without tests by neighbours.
     fn rounds(&mut self, with_neighbours: bool, most: usize, predict: &impl Predict) -> Result<()> {
         for _ in 0..most {
             if !self.is_first {
@@ -209,7 +209,7 @@ impl<'a> OutlierTest<'a> {
         self.noise = self.points.noise_of(&self.predictions, &self.p_inlier);
     }
 
-    /// Steps of expectation maximisation with the same predictions.
+    /// Runs expectation-maximisation steps with the same predictions.
     fn round(&mut self, with_neighbours: bool) {
         let (points, errors, mixture) = (self.points, &self.predictions.errors, &mut self.mixture);
         let spreads = points.spreads(&self.predictions);
@@ -240,7 +240,7 @@ impl<'a> OutlierTest<'a> {
         self.is_first = false;
     }
 
-    /// The variances with which the points predict others.
+    /// Returns the noise variances of the points in predictions.
     pub(super) fn noise(&self) -> &[f64] {
         &self.noise
     }
@@ -250,7 +250,7 @@ impl<'a> OutlierTest<'a> {
         posteriors(&self.predictions, &self.p_inlier, &self.scales, &self.noise)
     }
 
-    /// The posteriors of other points, which these predict with these errors and variances.
+    /// Returns the posteriors of other points, predicted from these with the given errors and variances.
     pub(super) fn others(
         &self,
         others: &TestedPoints,
@@ -333,7 +333,7 @@ fn is_settled(before: &[f64], after: &[f64]) -> bool {
 }
 
 impl InlierPosterior {
-    /// The posteriors of points with noise of such variances that do not predict each other.
+    /// Returns the posteriors of points with these noise variances that do not predict each other.
     pub(super) fn unknown(noise: &[f64]) -> Vec<Self> {
         let all = noise.iter().map(|noise| Self {
             p_inlier: 1.0,
@@ -356,7 +356,7 @@ impl TestedPoints {
         (0..self.values.len()).into_par_iter().map(spread).collect()
     }
 
-    /// The variances of noise with which points have the influence on a fit of the probabilities that they are inliers.
+    /// Returns the noise variances that give points the influence on a fit of the probabilities that they are inliers.
     fn noise_of(&self, predictions: &Predictions, p_inlier: &[f64]) -> Vec<f64> {
         let known = self.noise.par_iter().zip(&predictions.variances);
         let pairs = known.zip(p_inlier);
@@ -367,10 +367,10 @@ impl TestedPoints {
     }
 }
 
-/// A factor of the odds that a point is an outlier. Of perfect points, up to 1 % look like outliers, because they lie on
-/// objects that the image does not show. With so few, the odds are lower.
+/// Returns a factor of the odds that a point is an outlier. Among perfect points, up to 1 % look like outliers, because they
+/// are on objects that the image does not show. With so few outliers, the odds are reduced.
 fn odds_factor(p_inlier: &[f64]) -> f64 {
-    /// From this share of outliers on, the factor is 1.
+    /// Least share of outliers at which the factor is 1.
     const MANY: f64 = 0.06;
     (outlier_share(p_inlier) / MANY).min(1.0).powi(2)
 }
@@ -389,7 +389,7 @@ fn scale_odds(p_inlier: &mut [f64], odds_factor: f64) {
 /// The parameters of the two kinds of errors.
 #[derive(Clone, Copy, Debug)]
 struct Mixture {
-    /// The scale of the errors of inliers, in their spreads.
+    /// Scale of the errors of inliers, in units of their spreads.
     scale: f64,
     /// The scale of the errors of outliers.
     outlier_scale: f64,
@@ -401,21 +401,21 @@ struct Mixture {
     positive: f64,
     /// The share of outliers.
     share: f64,
-    /// Smaller scales and sizes are rounding.
+    /// Least scales and sizes, limited by rounding.
     least: [f64; 2],
 }
 
-/// Smaller errors, in units, are rounding.
+/// Least relative error, limited by rounding.
 const ROUNDING: f64 = 1e-9;
-/// The prior share of outliers, and the number of points that it is worth.
+/// The prior share of outliers, and its weight as a number of points.
 const EXPECTED: (f64, f64) = (0.02, 50.0);
-/// This many outliers are assumed to be off by as much as depths differ.
+/// Number of assumed outliers whose errors are as large as the differences between depths.
 const ANYWHERE: f64 = 3.0;
-/// This many outliers of either sign are assumed.
+/// Number of assumed outliers of either sign.
 const EITHER: f64 = 10.0;
 /// The least share of outliers.
 const FEWEST_WRONG: f64 = 1e-3;
-/// The share of inliers that lie on another object than the points that predict them.
+/// Share of inliers on another object than the points that predict them.
 const HIDDEN: f64 = 0.03;
 /// The share of outliers whose errors follow Cauchy distributions: half of them with the size of the others, half with that
 /// of depths. Their tails are heavier than those of inliers: a point with a large enough error is an outlier, however
@@ -447,7 +447,7 @@ impl Mixture {
         mixture
     }
 
-    /// Sets the scale of the errors of inliers from errors with such spreads.
+    /// Estimates the scale of the errors of inliers from errors with these spreads.
     fn scale_by(
         &mut self,
         points: &TestedPoints,
@@ -460,9 +460,9 @@ impl Mixture {
         self.scale = (median(ratios.map(f64::abs)) / MIDDLE).max(self.least[0]);
     }
 
-    /// A step of expectation maximisation: the probabilities that points are inliers, whose errors have such `scales`, then
-    /// the parameters. `agreement` is the likelihood ratio of each point's agreement with its neighbours if it lies with
-    /// them on a hidden object, over an outlier.
+    /// Runs a step of expectation maximisation: first the probabilities that points are inliers, whose errors have these
+    /// `scales`, then the parameters. `agreement` is the likelihood ratio of each point's agreement with its neighbours, for a
+    /// point on a hidden object with them over an outlier.
     fn step(
         &mut self,
         errors: &[f64],
@@ -505,7 +505,7 @@ impl Mixture {
         self.positive = (positive + EITHER) / (counts[1] + 2.0 * EITHER);
     }
 
-    /// The probabilities that some points are inliers, and their part in the parameters.
+    /// Returns the probabilities that some points are inliers, and their contribution to the parameters.
     fn weigh(
         &self,
         errors: &[f64],
@@ -573,13 +573,13 @@ struct Sums {
     positive: f64,
 }
 
-/// Points of a task.
+/// Points per task.
 const TOGETHER: usize = 4096;
 
 /// The square root of 2 pi.
 const ROOT_TAU: f64 = 2.506_628_274_631_000_7;
 
-/// Neighbours of a point.
+/// Number of neighbours of a point.
 const COUNT: usize = 8;
 
 /// The nearest points of each point.
@@ -593,7 +593,7 @@ pub(super) struct NearestPoints {
 
 impl NearestPoints {
     pub(super) fn new(points: &TestedPoints) -> Self {
-        /// Of the median distance.
+        /// Least distance relative to the median distance.
         const CLOSEST: f64 = 0.1;
         let Some(places) = &points.places else {
             return Self {
@@ -619,7 +619,7 @@ impl NearestPoints {
         Self { nearest, closest }
     }
 
-    /// Each value minus the median of its neighbours'.
+    /// Returns the difference of each value from the median of its neighbours.
     pub(super) fn differences(&self, values: &[f64]) -> Vec<f64> {
         let pairs = self.nearest.par_iter().zip(values);
         pairs
@@ -627,7 +627,7 @@ impl NearestPoints {
             .collect()
     }
 
-    /// Multiplies spreads by how much larger the errors of the neighbours are than those of all points.
+    /// Multiplies spreads by the size of the errors of the neighbours relative to those of all points.
     fn scale_by_roughness(
         &self,
         spreads: &mut [f64],
@@ -653,7 +653,7 @@ impl NearestPoints {
 
     /// The steepest slope between neighbours that agree.
     fn steepest(&self, values: &[f64], p_inlier: &[f64]) -> f64 {
-        /// Of the median slope.
+        /// Relative to the median slope.
         const STEEPEST: f64 = 1.5;
         let pairs = self.nearest.iter().enumerate().flat_map(|(i, near)| {
             let pair = move |&(distance, j): &(f64, usize)| {
@@ -668,7 +668,7 @@ impl NearestPoints {
 
 /// The squared errors in units of their spreads times a scale.
 fn squares(errors: &[f64], spreads: &[f64], scale: f64) -> Vec<f64> {
-    /// Larger squares are those of points that only seem to be inliers.
+    /// Larger squares belong to points that only seem to be inliers.
     const MOST: f64 = 64.0;
     let pairs = errors.par_iter().zip(spreads);
     pairs
@@ -676,11 +676,11 @@ fn squares(errors: &[f64], spreads: &[f64], scale: f64) -> Vec<f64> {
         .collect()
 }
 
-/// How much larger the errors of some neighbours are than those of all points.
+/// Returns the size of the errors of some neighbours relative to those of all points.
 fn roughness(near: &[(f64, usize)], squares: &[f64], p_inlier: &[f64]) -> f64 {
-    /// The number of neighbours that the average of all points is worth.
+    /// Weight of the average of all points, as a number of neighbours.
     const PRIOR: f64 = 3.0;
-    /// Less than a square root, which would give standard deviations: the errors have heavy tails.
+    /// Smaller than the exponent 0.5 of standard deviations, because the errors have heavy tails.
     const POWER: f64 = 0.3;
     let (mut sum, mut count) = (PRIOR, PRIOR);
     for &(_, j) in near {

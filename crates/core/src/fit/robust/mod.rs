@@ -1,4 +1,4 @@
-//! Robust fits, which limit the influence of points that are wrong.
+//! Robust fits, which limit the influence of outliers.
 
 mod local;
 mod mixture;
@@ -32,8 +32,7 @@ pub enum Loss {
     Gm,
     /// (1 - u^2)^2 up to the scale, 0 beyond (Beaton and Tukey 1974).
     Tukey,
-    /// None of these: each point has the influence that the others leave it, by the probability that it is
-    /// right.
+    /// No loss function: each point's influence is the probability, given the others, that it is an inlier.
     Auto,
 }
 
@@ -145,7 +144,7 @@ pub(super) fn robust(
             _ => (found, weights),
         });
     }
-    // Its field has the memory that the next ones take.
+    // Its field holds memory that the next fields need.
     plain.field = None;
     let observation_precision = estimator.observation_precision();
     let posteriors = inlier_posteriors(rows, estimator.roughly(), &plain)?.into_iter();

@@ -1,4 +1,4 @@
-//! The outlier test: points predicted from each other by any estimator.
+//! The outlier test: points are predicted from each other by any estimator.
 
 use super::local::LocalKriging;
 use super::mixture::{
@@ -18,14 +18,14 @@ use crate::fit::medians::deviation;
 use crate::fit::points::{FitRows, lexicographic};
 use rayon::prelude::*;
 
-/// More points than this are predicted by the field alone.
+/// Largest number of points that are predicted by the full model; more are predicted by the field alone.
 const CLOSE: usize = 10_000;
 
-/// From this number of points, and of points for each pixel of the field, a sample predicts all by a field of blocks of
-/// pixels. With fewer for each pixel, errors next to edges would matter more.
+/// Least number of points, and of points per pixel of the field, for which a sample predicts all points by a field of blocks of
+/// pixels. With fewer points per pixel, errors next to edges would have more effect.
 const DENSE: usize = 30_000;
 const EACH: usize = 3;
-/// The points of the sample, and the blocks.
+/// Size of the sample, and number of blocks.
 const SAMPLE: usize = 20_000;
 const BLOCKS: usize = 5000;
 
@@ -51,10 +51,10 @@ pub(in crate::fit) fn inlier_posteriors(
             let all: Vec<usize> = (0..rows.values.len()).collect();
             let points = tested_points(rows, &all, 1.0);
             if all.len() <= plain.solution.rank {
-                // A fit through every point predicts none from the others.
+                // A fit that interpolates every point cannot predict one from the others.
                 return Ok(InlierPosterior::unknown(&points.noise));
             }
-            // A fit of few functions to all points does not separate inliers and outliers.
+            // A fit of few functions to all points does not separate inliers from outliers.
             let cauchy = Robust::new(Loss::Cauchy);
             let (_, weights) = reweighted(rows, estimator, plain.clone(), cauchy)?;
             let start: Vec<f64> = weights.iter().map(|weight| weight.recip()).collect();
@@ -91,8 +91,8 @@ fn key(rows: &FitRows<'_>, i: usize) -> [f64; 4] {
     [v, u, rows.values[i], rows.weights[i]]
 }
 
-/// With very many points, the field alone predicts each from those next to it: the basis functions are the same for all.
-/// The field of blocks of pixels, which costs little, finds most outliers first.
+/// With very many points, the field alone predicts each from its neighbours, which share the basis functions. The field of
+/// blocks of pixels, which is fast, finds most outliers first.
 fn close(
     rows: &FitRows<'_>,
     order: &[usize],
@@ -114,7 +114,7 @@ fn close(
     Ok(test.posteriors())
 }
 
-/// Where points are dense, a sample is tested by a field of blocks of pixels, which then predicts all others.
+/// If points are dense, tests a sample by a field of blocks of pixels, which then predicts all others.
 fn dense(
     rows: &FitRows<'_>,
     field: FieldEstimator<'_>,
@@ -153,7 +153,7 @@ fn sample(rows: &FitRows<'_>) -> (Vec<usize>, Vec<usize>) {
     let mark = |i: usize| {
         let place = rows.places.map_or([0.0; 2], |places| places[i]);
         let place = lsdc_rng::hash(&place.map(f64::to_le_bytes));
-        // Depths are above 0: their bits are in their order.
+        // Depths are positive, so the order of their bits is that of their values.
         (place, rows.values[i].to_bits(), i)
     };
     let mut marks: Vec<_> = (0..rows.values.len()).into_par_iter().map(mark).collect();
@@ -172,7 +172,7 @@ fn places(points: &TestedPoints) -> &[[f64; 2]] {
 fn neighbours_and_noise(points: &TestedPoints, residuals: &[f64]) -> (NearestPoints, Vec<f64>) {
     /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
     const ROUNDING: f64 = 1e-3;
-    // Outliers bias a mean of neighbours, not a median.
+    // Outliers bias the mean of neighbours, but not the median.
     let neighbours = NearestPoints::new(points);
     let differences = neighbours.differences(residuals);
     let scale = deviation(&differences).max(ROUNDING * points.unit);
@@ -181,7 +181,7 @@ fn neighbours_and_noise(points: &TestedPoints, residuals: &[f64]) -> (NearestPoi
     (neighbours, start.collect())
 }
 
-/// Points are predicted by the nearest of those in their block, which is as large as the cost of covariances allows.
+/// Predicts points by the nearest points in their block, which is as large as the cost of covariances allows.
 fn by_covariances(
     rows: &FitRows<'_>,
     order: &[usize],
@@ -217,7 +217,7 @@ fn split(mut points: Vec<usize>, places: &[[f64; 2]], blocks: &mut Vec<Vec<usize
     split(rest, places, blocks);
 }
 
-/// Points whose noise has a variance of `1 / (observation_precision x weight)`.
+/// Returns points with the noise variance `1 / (observation_precision x weight)`.
 fn tested_points(rows: &FitRows<'_>, which: &[usize], observation_precision: f64) -> TestedPoints {
     TestedPoints {
         values: which.iter().map(|&i| rows.values[i]).collect(),

@@ -20,7 +20,7 @@ impl<'a> Refit<'a> {
         Self { rows, estimator }
     }
 
-    /// The fit to points with noise of such variances, and their weights.
+    /// Fits points with these noise variances; also returns their weights.
     fn fit(&self, noise: &[f64]) -> Result<(Estimate, Vec<f64>)> {
         let observation_precision = self.estimator.observation_precision();
         let weights: Vec<f64> = noise
@@ -30,8 +30,8 @@ impl<'a> Refit<'a> {
         Ok((self.estimator.solve(self.rows, &weights)?, weights))
     }
 
-    /// Predictions of other points by the field alone, which is fitted to all of these. The value of each other point
-    /// is what comes with the pixels that it is read from.
+    /// Predicts other points by the field alone, which is fitted to all of these. Each other point is given by its
+    /// interpolation weights and its value.
     pub(super) fn others(
         &self,
         noise: &[f64],

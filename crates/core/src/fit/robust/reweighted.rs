@@ -35,7 +35,7 @@ impl Loss {
         }
     }
 
-    /// Whether far points lose all influence, so that the starting point matters.
+    /// Whether distant points lose all influence, so that the result depends on the starting point.
     pub(super) fn redescends(self) -> bool {
         matches!(self, Self::Cauchy | Self::Gm | Self::Tukey)
     }
@@ -43,12 +43,11 @@ impl Loss {
 
 /// Continues from the plain estimate. Returns the last estimate and the point weights it was found with.
 ///
-/// Losses other than the paper's use leave-one-out residuals, so that an outlier which bends the fit towards
-/// itself is not overlooked, and take their scale from the median of their absolute values. In a fit with a
-/// field, a loss scales the leverage of each point instead of its weight. Redescending losses start from
-/// Huber's solution, with a scale that includes every point and that shrinks by a constant factor in each
-/// iteration (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
-/// points than directions, outliers cannot be detected, and all points keep their weight.
+/// Losses other than the paper's use leave-one-out residuals, so that an outlier that bends the fit towards itself is detected,
+/// and derive their scale from the median of the absolute residuals. In a fit with a field, a loss scales the leverage of each
+/// point instead of its weight. Redescending losses start from Huber's solution, with a scale that includes every point and
+/// shrinks by a constant factor in each iteration (graduated non-convexity, Blake and Zisserman 1987) until it is that of the
+/// noise. With no more points than directions, outliers cannot be detected, and all points keep their weight.
 ///
 /// # Errors
 /// A decomposition that does not converge.
@@ -91,11 +90,11 @@ pub(super) fn reweighted(
             if let Some(neighbourhood) = &neighbourhood {
                 found = neighbourhood.apart(&found, &weights);
             }
-            // In units of the deviation that each point was given.
+            // In units of the given deviation of each point.
             found.iter_mut().zip(own).for_each(|(r, w)| *r *= w.sqrt());
             settings.tuning.unwrap_or(loss.tuning()) * deviation(&found)
         };
-        // Points that are met exactly leave no scale, and nothing to do.
+        // If all points are interpolated exactly, there is no scale and nothing to do.
         if scale <= 0.0 {
             break;
         }
@@ -123,15 +122,15 @@ pub(super) fn reweighted(
     Ok((estimate, weights))
 }
 
-/// The weight by which a point of `odds` h / (1 - h) has the leverage `weight` h: the odds are
-/// proportional to the weight. Where points hold a field nearly alone, h is close to 1, and a weight
-/// of a half or a hundredth would leave it there: outliers would be met all the same.
+/// Returns the weight at which a point with the `odds` h / (1 - h) has the leverage `weight` h: the odds are proportional to
+/// the weight. If points determine a field nearly alone, h is close to 1, and a weight of a half or a hundredth would not
+/// change this: outliers would still be interpolated.
 fn damped(weight: f64, odds: f64) -> f64 {
     weight / (1.0 + odds * (1.0 - weight))
 }
 
-/// The odds h / (1 - h) of each point's leverage h at its own weight: leverages at smaller weights,
-/// whose odds fall with them. Points that have no weight keep what they had.
+/// Updates the odds h / (1 - h) of each point's leverage h at its own weight, from leverages at smaller weights; odds are
+/// proportional to weights. Points without weight keep their odds.
 fn update_odds(odds: &mut [f64], leverages: &[f64], weights: &[f64], own: &[f64]) {
     for (((odds, h), weight), own) in odds.iter_mut().zip(leverages).zip(weights).zip(own) {
         let found = h / (1.0 - h).max(f64::EPSILON) * own / weight;
@@ -141,7 +140,7 @@ fn update_odds(odds: &mut [f64], leverages: &[f64], weights: &[f64], own: &[f64]
     }
 }
 
-/// By how much the scale of a redescending loss shrinks in a round.
+/// Factor by which the scale of a redescending loss shrinks in a round.
 const SHRINKING: f64 = 1.4;
 
 /// The nearest points of each point.
@@ -161,8 +160,7 @@ impl Neighbourhood {
         Self(places.iter().enumerate().map(nearest).collect())
     }
 
-    /// Residuals less the median of those of the neighbours, where near ones and those that are
-    /// trusted count most.
+    /// Returns residuals minus the median of those of the neighbours; near and trusted neighbours have the largest weights.
     fn apart(&self, residuals: &[f64], weights: &[f64]) -> Vec<f64> {
         const LEAST: f64 = 0.05;
         let largest = weights

@@ -66,7 +66,7 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
         worst = worst.max((found.p_inlier - expected).abs());
         off += (found.p_inlier - expected).abs() / COUNT as f64;
     }
-    // What is assumed of errors is estimated from them.
+    // The assumed parameters of errors are estimated from them.
     assert!(off < 0.02, "{off}");
     assert!(worst < 0.3, "{worst}");
 }
@@ -113,7 +113,7 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
     assert!(trust(&on_box) > 0.5, "{}", trust(&on_box));
     assert!(trust(&|i| wrong(i) && errors[i].abs() > 0.1) < 0.1);
     assert!(trust(&|i| !wrong(i) && !on_box(i)) > 0.95);
-    // Where they are, and what the unit is, does not matter.
+    // The result depends on neither position nor unit.
     let far = TestedPoints {
         values: points.values.iter().map(|v| 8.0 * v).collect(),
         unit: 24.0,
@@ -159,7 +159,7 @@ impl Slope {
         let strengths: Vec<f32> = strengths.collect();
         let mut pixels: Vec<usize> = (0..HEIGHT * WIDTH).collect();
         rng.choose(&mut pixels, count);
-        // All of them again where there are more points.
+        // Pixels repeat if there are more points.
         let pixels: Vec<usize> = pixels.into_iter().cycle().take(count).collect();
         let within = |p: usize, rng: &mut Rng| {
             let [x, y] = [p % WIDTH, p / WIDTH].map(|v| v as f64);
@@ -326,7 +326,7 @@ fn right_points_are_trusted() {
 
 #[test]
 fn neither_unit_nor_order_of_the_points_matters() {
-    // Few, and so many that a sample predicts the others.
+    // Few points, and so many that a sample predicts the others.
     for count in [150, 33_000] {
         is_one_whatever_unit_and_order(count);
     }

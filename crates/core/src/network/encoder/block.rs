@@ -6,7 +6,7 @@ use lsdc_kernels::attention::{attention, gelu, layer_norm};
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 use rayon::prelude::*;
 
-/// Tokens of one task, for an even number of tasks of at most 84 tokens.
+/// Returns the number of tokens per task, for an even number of tasks of at most 84 tokens.
 pub(super) fn tokens_per_task(tokens: usize) -> usize {
     const MOST: usize = 56;
     tokens.div_ceil(2 * tokens.div_ceil(2 * MOST).max(1)).max(1)
@@ -17,12 +17,12 @@ pub(super) struct Block {
     level: Level,
     width: usize,
     heads: usize,
-    /// Gain and shift of the normalisation before attention, and before the perceptron.
+    /// Gain and shift of the normalisation before attention, and before the MLP.
     norms: [(Vec<f32>, Vec<f32>); 2],
     queries_keys_values: Packed,
-    /// The projection of the outputs of all heads, with the scale of the layer, as in `second`.
+    /// Output projection of all heads, with the layer scale folded in, as in `second`.
     projection: Packed,
-    /// The layers of the perceptron.
+    /// The layers of the MLP.
     first: Packed,
     second: Packed,
 }
@@ -52,7 +52,7 @@ impl Block {
         }
     }
 
-    /// Attention between the tokens, head by head; `rows` are for queries, keys and values.
+    /// Computes attention between the tokens for each head; `rows` hold queries, keys and values.
     pub(super) fn attend(
         &self,
         tokens: &[f32],
@@ -73,7 +73,7 @@ impl Block {
         attention(self.level, rows, heads, scratch, attended);
     }
 
-    /// Adds to the tokens the projected attention, then the output of the perceptron.
+    /// Adds the projected attention, then the output of the MLP, to the tokens.
     pub(super) fn transform(&self, attended: &[f32], tokens: &mut [f32], scratch: &Scratch) {
         let width = self.width;
         let hidden = self.first.columns();
@@ -99,7 +99,7 @@ impl Block {
     }
 }
 
-/// Adds rows to a product.
+/// A tail that adds rows to a product.
 fn plus(skip: &[f32]) -> Tail<'_> {
     Tail {
         skip: Some(skip),

@@ -2,9 +2,9 @@
 
 use crate::error::WeightsError;
 
-/// Pixels of a side of a patch.
+/// Side of a patch in pixels.
 pub const PATCH: usize = 14;
-/// What layer normalisation adds to variances.
+/// Added to the variance in layer normalisation.
 pub const LAYER_EPSILON: f32 = 1e-6;
 
 /// The sizes of an encoder.
@@ -12,15 +12,15 @@ pub const LAYER_EPSILON: f32 = 1e-6;
 pub struct EncoderConfig {
     /// Channels of a token.
     pub width: usize,
-    /// Heads of attention, which divide the channels.
+    /// Number of attention heads, which divides the channels.
     pub heads: usize,
     /// Number of blocks.
     pub blocks: usize,
-    /// Channels between the two layers of a perceptron.
+    /// Channels between the two layers of the MLP.
     pub hidden: usize,
-    /// Patches of a side of the images that positions were learned for.
+    /// Side, in patches, of the images for which the position embeddings were trained.
     pub side: usize,
-    /// The blocks, from 0, whose tokens are features.
+    /// Indices, from 0, of the blocks whose tokens are features.
     pub taps: Vec<usize>,
 }
 
@@ -37,7 +37,7 @@ impl EncoderConfig {
         }
     }
 
-    /// Channels of all taps together.
+    /// Total number of channels of all taps.
     pub fn channels(&self) -> usize {
         self.taps.len() * self.width
     }

@@ -1,9 +1,9 @@
-//! The depth head of Depth Anything V2 (Yang et al. 2024): a dense prediction transformer (DPT, Ranftl et al. 2021) on
-//! four taps of an encoder, which predicts relative inverse depth.
+//! The depth head of Depth Anything V2 (Yang et al. 2024): a dense prediction transformer (DPT, Ranftl et al. 2021) on four
+//! taps of an encoder. It predicts relative inverse depth.
 //!
-//! Each tap becomes a map of its own resolution. The maps are fused from the coarsest to the finest, enlarged between
-//! the steps so that the centres of the corner pixels coincide (`align_corners = true` in `PyTorch`). The structure is
-//! written once, for any [`HeadExecutor`].
+//! Each tap is resampled to its own resolution. The maps are fused from the coarsest to the finest, and upsampled between the
+//! steps so that the centres of the corner pixels coincide (`align_corners = true` in `PyTorch`). The structure is defined
+//! once, for any [`HeadExecutor`].
 
 use super::Features;
 use super::config::{EncoderConfig, PATCH};
@@ -21,9 +21,9 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// What the names of the tensors of a head begin with.
+/// Prefix of the tensor names of a head.
 pub const DEPTH_HEAD: &str = "depth_head.";
-/// Taps that a head reads.
+/// Number of taps that a head uses.
 const TAPS: usize = DepthHead::TAPS;
 
 /// The layers of a depth head, each prepared for some [`HeadExecutor`].
@@ -31,22 +31,22 @@ const TAPS: usize = DepthHead::TAPS;
 pub struct HeadLayers<L> {
     /// Channels of a tap.
     width: usize,
-    /// In the order of the taps: the finest map first.
+    /// Stages in the order of the taps: the finest map first.
     stages: Vec<Stage<L>>,
     fusions: Vec<Fusion<L>>,
-    /// Before the map is enlarged to the image.
+    /// Convolution before the map is upsampled to the image.
     coarse: L,
-    /// After that.
+    /// Convolution after the map is upsampled.
     fine: L,
     /// Weights and bias of the last layer, which has one output.
     last: (Vec<f32>, f32),
 }
 
 impl<L> HeadLayers<L> {
-    /// The layers of a head from tensors by their published names (see [`DepthHead::new`]).
+    /// Prepares the layers of a head from tensors by their published names (see [`DepthHead::new`]).
     ///
     /// # Errors
-    /// Tensors that are missing, superfluous, or of shapes that do not match.
+    /// Tensors that are missing, superfluous, or of the wrong shape.
     pub fn new(
         tensors: &BTreeMap<String, Tensor>,
         target: impl Prepare<Layer = L>,
@@ -76,7 +76,7 @@ impl<L> HeadLayers<L> {
                 parts.values(&format!("{last}.bias"), &[1])?[0],
             ),
         };
-        // The coarsest map is fused with none before it.
+        // The first residual unit of the coarsest fusion is unused, because there is no map before it.
         for conv in ["conv1", "conv2"] {
             for part in ["weight", "bias"] {
                 let name = format!("scratch.refinenet{TAPS}.resConfUnit1.{conv}.{part}");
@@ -92,7 +92,7 @@ impl<L> HeadLayers<L> {
         self.width
     }
 
-    /// Channels of each map whose pixels become blocks.
+    /// Channels of each map whose pixels are expanded to blocks.
     pub fn block_channels(&self) -> impl Iterator<Item = usize> {
         self.stages.iter().filter_map(|stage| match stage.resize {
             Resize::Enlarge { channels, .. } => Some(channels),
@@ -105,8 +105,8 @@ impl<L> HeadLayers<L> {
         (&self.last.0, self.last.1)
     }
 
-    /// What the last layer reads, `[14 rows, 14 columns, channels]`, from four taps of `size` (rows, columns); nothing from
-    /// fewer.
+    /// Computes the input of the last layer, `[14 rows, 14 columns, channels]`, from four taps of `size` (rows, columns);
+    /// `None` if there are fewer taps.
     pub fn forward<M: Clone>(
         &self,
         taps: impl Iterator<Item = M>,
@@ -147,14 +147,14 @@ pub struct DepthHead {
 }
 
 impl DepthHead {
-    /// Taps of the encoder that a head reads.
+    /// Number of taps of the encoder that a head uses.
     pub const TAPS: usize = 4;
 
     /// Prepares a head from tensors by their published names, `depth_head.projects.0.weight` and so on. All sizes are
     /// read from the tensors. `depth_head.scratch.refinenet4.resConfUnit1`, which is not used, may be missing.
     ///
     /// # Errors
-    /// Tensors that are missing, superfluous, or of shapes that do not match.
+    /// Tensors that are missing, superfluous, or of the wrong shape.
     pub fn new(tensors: &BTreeMap<String, Tensor>, level: Level) -> Result<Self, Error> {
         Ok(Self {
             level,
@@ -168,10 +168,10 @@ impl DepthHead {
         self.layers.width
     }
 
-    /// Relative inverse depth, `[14 rows, 14 columns]`, from the features of the encoder at four taps.
+    /// Predicts relative inverse depth, `[14 rows, 14 columns]`, from the features of the encoder at four taps.
     ///
     /// # Errors
-    /// Another number of taps, or taps of another encoder.
+    /// The number of taps differs, or they belong to another encoder.
     pub fn predict(&self, features: &Features) -> Result<Vec<f32>, FitError> {
         let (rows, columns) = (features.rows, features.columns);
         let expected = rows * columns * self.width();
@@ -182,14 +182,14 @@ impl DepthHead {
                 "{taps} taps of an encoder are not {TAPS} of {rows}x{columns} patches with {width} channels"
             )));
         }
-        // On a thread of the pool, which need not be awaited for each step.
+        // Run on a thread of the pool, to avoid waiting for the pool at each step.
         Ok(rayon::scope(|_| self.run(features)))
     }
 
-    /// Checks that the head reads as many taps, as wide, as an encoder has.
+    /// Checks that the encoder has as many taps as the head, with the same number of channels.
     ///
     /// # Errors
-    /// It does not.
+    /// The number of taps or their width differs.
     pub fn check(&self, encoder: &EncoderConfig) -> Result<(), WeightsError> {
         if encoder.taps.len() == TAPS && encoder.width == self.width() {
             return Ok(());
@@ -198,7 +198,7 @@ impl DepthHead {
         Err(WeightsError::Unsupported(what))
     }
 
-    /// Frees the memory that is kept for further images.
+    /// Frees cached memory.
     pub fn release(&self) {
         self.workspace.clear();
     }
@@ -215,7 +215,7 @@ impl DepthHead {
         fine.map_or_else(Vec::new, |fine| self.inverse_depths(&fine))
     }
 
-    /// The last layer, which no negative number leaves.
+    /// Applies the last layer and its ReLU.
     fn inverse_depths(&self, map: &Map) -> Vec<f32> {
         let (weights, bias) = self.layers.last();
         let mut output = vec![0.0; map.pixels()];
@@ -231,19 +231,19 @@ impl DepthHead {
     }
 }
 
-/// The name of a tensor in a file.
+/// Returns the name of a tensor in a file.
 fn full(name: &str) -> String {
     format!("{DEPTH_HEAD}{name}")
 }
 
-/// The tensors of a head, by their names after the prefix.
+/// The tensors of a head, by their names without the prefix.
 struct Parts<'a, P> {
     all: &'a BTreeMap<String, Tensor>,
     tensors: Tensors<'a, P>,
 }
 
 impl<'a, P: Prepare> Parts<'a, P> {
-    /// The sides of a tensor of a convolution, none of which is 0.
+    /// Returns the shape of the weights of a convolution; no side is 0.
     fn shape(&self, name: &str) -> Result<[usize; 4], WeightsError> {
         let name = full(name);
         let tensor = self.all.get(&name);
@@ -262,7 +262,7 @@ impl<'a, P: Prepare> Parts<'a, P> {
         self.tensors.values(&full(name), shape)
     }
 
-    /// A convolution with a bias.
+    /// Prepares a convolution with a bias.
     fn conv(
         &self,
         name: &str,
@@ -276,12 +276,12 @@ impl<'a, P: Prepare> Parts<'a, P> {
         Ok(self.tensors.target.layer(weights, sizes, bias, spec))
     }
 
-    /// A transposed convolution whose stride is the side of its kernel, as the 1x1 convolution that
-    /// [`HeadExecutor::in_blocks`] reads, and that side.
+    /// Prepares a transposed convolution, whose stride is its kernel size, as the 1x1 convolution for
+    /// [`HeadExecutor::in_blocks`]; also returns the kernel size.
     fn transposed(&self, name: &str, channels: usize) -> Result<(P::Layer, usize), WeightsError> {
         let weight = format!("{name}.weight");
         let [_, _, side, _] = self.shape(&weight)?;
-        // Inputs first.
+        // The first axis is the input channels.
         let values = self.values(&weight, &[channels, channels, side, side])?;
         let bias = self.values(&format!("{name}.bias"), &[channels])?;
         let area = side * side;
@@ -301,7 +301,7 @@ impl<'a, P: Prepare> Parts<'a, P> {
     }
 }
 
-/// From a tap to a map of the resolution and channels that are fused.
+/// Maps a tap to the resolution and channels of the fusion.
 #[derive(Debug)]
 struct Stage<L> {
     project: L,
@@ -309,10 +309,10 @@ struct Stage<L> {
     mix: L,
 }
 
-/// How the map of a tap gets its resolution.
+/// Resampling of a tap to its resolution.
 #[derive(Debug)]
 enum Resize<L> {
-    /// Each pixel becomes a block.
+    /// Each pixel is expanded to a block.
     Enlarge {
         layer: L,
         side: usize,
@@ -365,10 +365,10 @@ impl<L> Stage<L> {
     }
 }
 
-/// A step from a coarser map to a finer one.
+/// A fusion step from a coarser map to a finer one.
 #[derive(Debug)]
 struct Fusion<L> {
-    /// Of the finer map; none of the coarsest.
+    /// Residual unit for the finer map; `None` in the first step.
     before: Option<ResidualUnit<L>>,
     after: ResidualUnit<L>,
     project: L,
@@ -392,7 +392,7 @@ impl<L> Fusion<L> {
         })
     }
 
-    /// The fused map at the resolution of `map`. The projection comes before the enlargement, with which it commutes.
+    /// Returns the fused map at the resolution of `map`. The projection commutes with the upsampling and precedes it.
     fn forward<M: Clone>(
         &self,
         map: M,
@@ -411,7 +411,7 @@ impl<L> Fusion<L> {
     }
 }
 
-/// Two convolutions, each after a ReLU, whose output is added to the input.
+/// Two convolutions, each after a ReLU; their output is added to the input.
 #[derive(Debug)]
 struct ResidualUnit<L> {
     first: L,
@@ -434,7 +434,7 @@ impl<L> ResidualUnit<L> {
         })
     }
 
-    /// What the layers make of `map`, added to `skip`.
+    /// Returns the output of the layers for `map`, plus `skip`.
     fn changed<M: Clone>(
         &self,
         map: &M,
@@ -483,7 +483,7 @@ impl HeadExecutor for Workspace {
         let channels = product.channels() / (side * side);
         let (height, width) = (side * x.height, side * x.width);
         let mut output = self.pool.take(height, width, channels);
-        // The pixels that one pixel becomes in one row of the output lie side by side, here as in the product.
+        // The pixels of one block in one row of the output are contiguous, in the output and in the product.
         let run = side * channels;
         let row = width * channels;
         let blocks = output.values.par_chunks_exact_mut(side * row);
@@ -504,8 +504,8 @@ impl HeadExecutor for Workspace {
     }
 }
 
-/// For each of `to` pixels, the two of `from` that it lies between, and the share of the second, where the first and the
-/// last pixels of both coincide.
+/// For each of `to` pixels, returns the two of `from` pixels around it, and the weight of the second; the first and the last
+/// pixels of both axes coincide.
 fn axis(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
     let step = from.saturating_sub(1) as f64 / to.saturating_sub(1).max(1) as f64;
     let places = (0..to).map(|i| between(i as f64 * step, from));
@@ -514,7 +514,7 @@ fn axis(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
         .collect()
 }
 
-/// A map enlarged bilinearly to a height and width, with its corner pixels in the corners.
+/// Upsamples a map bilinearly to a height and width, with coinciding corner pixels.
 fn enlarged(map: &Map, (height, width): (usize, usize), level: Level, pool: &Pool) -> Map {
     let channels = map.channels();
     let mut output = pool.take(height, width, channels);

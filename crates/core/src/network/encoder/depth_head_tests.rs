@@ -5,7 +5,7 @@ use crate::{Channels, DepthAnything, GuideKind, Image};
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// What other programs predict (`scripts/golden_encoder.py`).
+/// Predictions of other programs (`scripts/golden_encoder.py`).
 #[derive(Deserialize)]
 struct Golden {
     /// Rows and columns of patches.
@@ -52,7 +52,7 @@ fn the_number_of_threads_changes_no_depth() {
     };
     let one = found(1);
     assert_eq!(one, found(3));
-    // Nor is anything left of the image before.
+    // No values of the previous image remain.
     head.release();
     assert_eq!(one, found(3));
 }

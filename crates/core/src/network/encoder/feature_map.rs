@@ -1,10 +1,10 @@
-//! Images of any size, encoded.
+//! Encoding of images of any size.
 
 use super::{Encoder, PATCH};
 use crate::error::{FitError, Result};
 use crate::resize::resized_cubic;
 
-/// About as many patches as an image is cut into, whatever its size: 448x336 pixels.
+/// Approximate number of patches of an image, whatever its size: 448x336 pixels.
 const PATCHES: f64 = 768.0;
 
 /// The features of an image, as a map.
@@ -14,7 +14,7 @@ pub struct FeatureMap {
     pub rows: usize,
     /// Patches across.
     pub columns: usize,
-    /// The features of all taps side by side, `[rows, columns, channels]`.
+    /// Features of all taps, concatenated: `[rows, columns, channels]`.
     pub values: Vec<f32>,
 }
 
@@ -28,8 +28,8 @@ impl FeatureMap {
     }
 }
 
-/// A normalised image `[height, width, 3]`, resized to whole patches by cubic convolution, and the rows and columns of
-/// patches.
+/// Resizes a normalised image `[height, width, 3]` to whole patches by cubic convolution, and returns it with the rows and
+/// columns of patches.
 ///
 /// # Errors
 /// An image without pixels, or another number of values.
@@ -45,8 +45,7 @@ pub fn in_patches(image: &[f32], size: (usize, usize)) -> Result<(Vec<f32>, (usi
 }
 
 impl Encoder {
-    /// Encodes a normalised image `[height, width, 3]` of any size, which is resized to whole patches by cubic
-    /// convolution.
+    /// Encodes a normalised image `[height, width, 3]` of any size. It is resized to whole patches by cubic convolution.
     ///
     /// # Errors
     /// An image without pixels, or another number of values.

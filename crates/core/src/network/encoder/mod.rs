@@ -1,8 +1,8 @@
-//! A vision transformer (Dosovitskiy et al. 2021) as a pretrained encoder, in the form of `DINOv2` (Oquab et al. 2023)
-//! and of Depth Anything V2 (Yang et al. 2024), prepared for the CPU.
+//! A vision transformer (Dosovitskiy et al. 2021) as a pretrained encoder, as in `DINOv2` (Oquab et al. 2023) and Depth
+//! Anything V2 (Yang et al. 2024), prepared for the CPU.
 //!
-//! An image is cut into patches; each becomes a token, beside the class token. Every block adds attention to
-//! the tokens, then a multilayer perceptron. The tokens after some of the blocks, normalised, are the features.
+//! An image is divided into patches; each becomes a token, in addition to the class token. Every block adds attention to the
+//! tokens, then the output of an MLP. The normalised tokens after some of the blocks are the features.
 
 mod block;
 mod config;
@@ -33,10 +33,10 @@ pub struct Encoder {
     level: Level,
     patch_embedding: Packed,
     class_token: Vec<f32>,
-    /// `[side x side, width]`, and before it that of the class token.
+    /// Position embeddings `[side x side, width]`, preceded by that of the class token.
     positions: Vec<f32>,
     blocks: Vec<Block>,
-    /// Gain and shift of the last normalisation.
+    /// Gain and shift of the final normalisation.
     norm: (Vec<f32>, Vec<f32>),
     scratch: Scratch,
 }
@@ -53,7 +53,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// Features whose `taps` lie side by side, `[rows, columns, channels]`, as in a [`FeatureMap`].
+    /// Separates concatenated taps, `[rows, columns, channels]`, as in a [`FeatureMap`].
     pub(in crate::network) fn separated(
         values: &[f32],
         (rows, columns): (usize, usize),
@@ -74,10 +74,10 @@ impl Features {
 }
 
 impl Encoder {
-    /// Prepares an encoder from tensors by the names that `DINOv2` gives them.
+    /// Prepares an encoder from tensors by their names in `DINOv2`.
     ///
     /// # Errors
-    /// Sizes that make no encoder, and tensors that are missing, superfluous or of the wrong shape.
+    /// Invalid sizes, and tensors that are missing, superfluous or of the wrong shape.
     pub fn new(
         config: EncoderConfig,
         tensors: &BTreeMap<String, Tensor>,
@@ -109,14 +109,14 @@ impl Encoder {
         &self.config
     }
 
-    /// The features of a normalised image `[height, width, 3]`.
+    /// Computes the features of a normalised image `[height, width, 3]`.
     ///
     /// # Errors
-    /// A height or width that is no multiple of [`PATCH`], or another number of values.
+    /// The height or width is not a multiple of [`PATCH`], or the number of values does not match.
     pub fn features(&self, image: &[f32], size: (usize, usize)) -> Result<Features, FitError> {
         let (rows, columns) = patches_of(image, size)?;
         let channels = self.config.width;
-        // On a thread of the pool, which need not be awaited for each step.
+        // Run on a thread of the pool, to avoid waiting for the pool at each step.
         Ok(rayon::scope(|_| {
             let mut tokens = self.tokens(image, (rows, columns));
             let mut queries_keys_values = vec![0.0; 3 * tokens.len()];
@@ -146,12 +146,12 @@ impl Encoder {
         }))
     }
 
-    /// Frees the memory that is kept for further images.
+    /// Frees cached memory.
     pub fn release(&self) {
         self.scratch.clear();
     }
 
-    /// The tokens of the image and of its patches, with their positions.
+    /// Returns the class token and the tokens of the patches, with their position embeddings.
     fn tokens(&self, image: &[f32], size: (usize, usize)) -> Vec<f32> {
         let channels = self.config.width;
         let mut tokens = positions(&self.positions, self.config.side, channels, size);
@@ -178,7 +178,7 @@ impl Encoder {
     }
 }
 
-/// Patches down and across a normalised image `[height, width, 3]`.
+/// Returns the number of patches down and across a normalised image `[height, width, 3]`.
 fn patches_of(image: &[f32], (height, width): (usize, usize)) -> Result<(usize, usize), FitError> {
     let whole = |length: usize| length > 0 && length.is_multiple_of(PATCH);
     if whole(height) && whole(width) && image.len() == 3 * height * width {

@@ -1,9 +1,9 @@
-//! Positional embeddings of tokens, interpolated from the learned ones.
+//! Position embeddings of tokens, interpolated from the trained ones.
 
-/// `DINOv2` adds this to the number of patches before it divides by that of the table, so that rounding loses none.
+/// `DINOv2` adds this to the number of patches before dividing it by that of the table, so that rounding loses none.
 const OFFSET: f64 = 0.1;
 
-/// `[1 + rows x columns, channels]` from a table `[1 + side x side, channels]`, by cubic convolution (Keys 1981).
+/// Interpolates `[1 + rows x columns, channels]` from a table `[1 + side x side, channels]` by cubic convolution (Keys 1981).
 pub fn positions(
     table: &[f32],
     side: usize,
@@ -34,7 +34,8 @@ pub fn positions(
     found
 }
 
-/// For each of `to` positions, four of `from` and their weights; positions beyond the border are on it.
+/// For each of `to` positions, returns four of `from` positions and their weights; positions beyond the border are clamped to
+/// it.
 fn axis(to: usize, from: usize) -> Vec<([usize; 4], [f64; 4])> {
     let scale = from as f64 / (to as f64 + OFFSET);
     let place = |i: usize| {
@@ -47,7 +48,7 @@ fn axis(to: usize, from: usize) -> Vec<([usize; 4], [f64; 4])> {
     (0..to).map(place).collect()
 }
 
-/// The kernel of cubic convolution with the slope that `PyTorch` and `OpenCV` have.
+/// The kernel of cubic convolution with the slope of `PyTorch` and `OpenCV`.
 fn cubic(distance: f64) -> f64 {
     const SLOPE: f64 = -0.75;
     let d = distance;

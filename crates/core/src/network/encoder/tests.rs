@@ -6,7 +6,7 @@ use crate::DepthAnything;
 use depth_anything::{encoder_weights, sines, sizes};
 use serde::Deserialize;
 
-/// What other programs answer (`scripts/golden_encoder.py`).
+/// Features computed by other programs (`scripts/golden_encoder.py`).
 #[derive(Deserialize)]
 struct Golden {
     /// After each tap, `[patches, width]`.
@@ -28,7 +28,7 @@ pub(super) fn tiny() -> EncoderConfig {
     sizes(3, &[0, 2])
 }
 
-/// The weights of the script.
+/// The weights used by the script.
 fn weights() -> BTreeMap<String, Tensor> {
     encoder_weights(3)
 }
@@ -69,7 +69,7 @@ fn positions_are_interpolated_as_by_pytorch() {
 
 #[test]
 fn the_number_of_threads_changes_no_bit() {
-    // More tokens than a task takes.
+    // More tokens than one task handles.
     let (height, width) = (140, 182);
     let encoder = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
     let found = |threads: usize| {
@@ -110,7 +110,7 @@ fn what_is_no_image_or_no_encoder_is_refused() {
 #[test]
 fn a_map_of_features_is_separated_into_its_taps() {
     let encoder = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
-    // Of as many pixels as the encoder reads, so that nothing is resized.
+    // An image at the size of the encoder's input, so that it is not resized.
     let (rows, columns) = FeatureMap::size((336, 448));
     let size = (rows * PATCH, columns * PATCH);
     let image = image(size.0, size.1);

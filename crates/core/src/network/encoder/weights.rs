@@ -15,9 +15,9 @@ pub type NormWeights<'a> = (&'a [f32], &'a [f32]);
 pub struct TokenLayer<'a> {
     /// `[outputs, inputs]`
     pub weights: &'a [f32],
-    /// One for each output.
+    /// One value for each output.
     pub bias: &'a [f32],
-    /// What each output is multiplied by, with its bias; 1 if there is none.
+    /// Factor of each output and its bias; `None` for 1.
     pub scale: Option<&'a [f32]>,
 }
 
@@ -31,32 +31,32 @@ impl TokenLayer<'_> {
 /// The weights of a block.
 #[derive(Clone, Copy, Debug)]
 pub struct BlockWeights<'a> {
-    /// Before attention, and before the perceptron.
+    /// Normalisations before attention, and before the MLP.
     pub norms: [NormWeights<'a>; 2],
-    /// Queries, keys and values; the projection of the outputs of all heads; both layers of the perceptron.
+    /// Queries, keys and values; output projection; both layers of the MLP.
     pub layers: [TokenLayer<'a>; 4],
 }
 
-/// The weights of an encoder, whose shapes have been checked.
+/// The weights of an encoder, with validated shapes.
 #[derive(Clone, Debug)]
 pub struct EncoderWeights<'a> {
-    /// The embedding of patches: weights `[width, 3, PATCH, PATCH]` and bias.
+    /// Patch embedding: weights `[width, 3, PATCH, PATCH]` and bias.
     pub patch_embedding: (&'a [f32], &'a [f32]),
     /// `[width]`
     pub class_token: &'a [f32],
-    /// `[side x side, width]`, and before it that of the class token.
+    /// Position embeddings `[side x side, width]`, preceded by that of the class token.
     pub positions: &'a [f32],
-    /// In their order.
+    /// Blocks in order.
     pub blocks: Vec<BlockWeights<'a>>,
-    /// Of the features.
+    /// Final normalisation of the features.
     pub norm: NormWeights<'a>,
 }
 
 impl<'a> EncoderWeights<'a> {
-    /// The weights among tensors by the names that `DINOv2` gives them.
+    /// Collects the weights from tensors by their names in `DINOv2`.
     ///
     /// # Errors
-    /// Sizes that make no encoder, and tensors that are missing, superfluous or of the wrong shape.
+    /// Invalid sizes, and tensors that are missing, superfluous or of the wrong shape.
     pub fn new(
         config: &EncoderConfig,
         tensors: &'a BTreeMap<String, Tensor>,
@@ -100,7 +100,7 @@ impl<'a> EncoderWeights<'a> {
             blocks: (0..config.blocks).map(block).collect::<Result<_, _>>()?,
             norm: norm("norm")?,
         };
-        // It replaces masked patches in training.
+        // Only used for masked patches in training.
         tensors.ignore("mask_token");
         tensors.check_all_used()?;
         Ok(weights)

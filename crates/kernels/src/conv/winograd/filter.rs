@@ -14,7 +14,7 @@ pub(in crate::conv) struct Filter {
     /// The width of a panel.
     pub(super) panel: usize,
     pub(super) spectrum: Buffer,
-    /// Padded to whole panels.
+    /// Bias, padded to whole panels.
     pub(super) bias: Vec<f32>,
 }
 

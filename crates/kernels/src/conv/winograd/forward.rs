@@ -5,14 +5,13 @@ use crate::schedule::{InTasks, threads};
 use crate::simd::{Kernel, Rows, Scratch, Shared, Tail, Unset, Vector, product};
 use rayon::prelude::*;
 
-/// The most tiles of one task: two register tiles of the longest vectors.
+/// Largest number of tiles per task: two register tiles of the longest vectors.
 const TILES: usize = 28;
-/// The most floats of transformed inputs of one task, for second-level caches.
+/// Largest number of floats of transformed inputs per task, which should fit second-level caches.
 const CACHE: usize = 160 << 10;
 
 impl Filter {
-    /// `output [batch, height, width, outputs]` from `x [batch, height, width, channels]`; sets
-    /// every float.
+    /// Computes `output [batch, height, width, outputs]` from `x [batch, height, width, channels]`; sets every float.
     pub(in crate::conv) fn write(
         &self,
         x: &[f32],
@@ -27,7 +26,7 @@ impl Filter {
         assert!(tail.skip.is_none_or(|skip| skip.len() == output.len()));
         let padded = self.channels.next_multiple_of(self.level.lanes());
         let tiles = tiles(size, self.dilation);
-        // As many equal tasks as threads, or a multiple.
+        // Equal tasks, as many as threads or a multiple.
         let most_tiles = (CACHE / (SPECTRUM * padded)).clamp(1, TILES);
         let tasks = tiles.len().div_ceil(most_tiles);
         let tasks = tasks.next_multiple_of(threads());
@@ -78,12 +77,12 @@ struct Forward<'a> {
     padded: usize,
     /// `[frequency][tile][padded]`
     inputs: &'a mut [f32],
-    /// `[frequency][tile][width]`, of one panel.
+    /// Products of one panel, `[frequency][tile][width]`.
     products: &'a mut [f32],
     output: Shared<'a>,
 }
 
-/// In panels of `W` vectors.
+/// A convolution with panels of `W` vectors.
 struct Panels<'a, const W: usize>(Forward<'a>);
 
 impl<const W: usize> Kernel for Panels<'_, W> {
@@ -125,15 +124,14 @@ impl Forward<'_> {
         }
     }
 
-    /// The products of one panel of outputs.
+    /// Computes the products of one panel of outputs.
     #[inline(always)]
     unsafe fn multiply<V: Vector, const W: usize>(&mut self, first: usize) {
         let channels = self.filter.channels;
         let (tiles, width) = (self.tiles.len(), W * V::LANES);
         let stride = frequency_stride(tiles, self.padded);
         for f in 0..SPECTRUM {
-            // SAFETY: panels have `channels` rows per frequency; the memory has as many rows as
-            // tiles.
+            // SAFETY: panels have `channels` rows per frequency; the memory has as many rows as there are tiles.
             unsafe {
                 let panel = self
                     .filter

@@ -1,6 +1,6 @@
-//! The gradient of the weights, in the frequency domain too: a quarter of the products.
+//! The gradient of the weights, also in the frequency domain: a quarter of the products.
 //!
-//! Sums over tiles run in a fixed order, whatever the number of threads.
+//! Sums over tiles have a fixed order for any number of threads.
 
 use super::{IN, Images, OUT, SPECTRUM, Tile, frequency_stride, tiles, transform};
 use crate::conv::Shape;
@@ -8,20 +8,20 @@ use crate::simd::{Kernel, Level, Rows, Scratch, Shared, Vector, product};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The most tiles of a block, whose spectra lie together.
+/// Largest number of tiles per block; the spectra of a block are contiguous.
 const TILES: usize = 64;
-/// The most floats of the spectra of a block, if every part has sums of its own: spectra and sums fit second-level caches.
+/// Largest number of floats of the spectra of a block, if every part has its own sums: spectra and sums fit second-level
+/// caches.
 const CACHE: usize = 96 << 10;
-/// The most floats of the sums of a part.
+/// Largest number of floats of the sums of a part.
 const SUMS: usize = 160 << 10;
-/// The most parts, whose sums are computed in parallel.
+/// Largest number of parts with sums computed in parallel.
 const PARTS: usize = 16;
-/// The fewest tiles of a part: its sums are read once more in the end.
+/// Least number of tiles per part, because its sums are read once more at the end.
 const PART: usize = 128;
 
-/// The gradient of weights `[channels, 3, 3, outputs]` from inputs
-/// `x [batch, height, width, channels]` and the gradient of outputs
-/// `grad [batch, height, width, outputs]`.
+/// Returns the gradient of weights `[channels, 3, 3, outputs]` from inputs `x [batch, height, width, channels]` and the
+/// gradient of outputs `grad [batch, height, width, outputs]`.
 pub(in crate::conv) fn weight_gradient(
     level: Level,
     x: &[f32],
@@ -100,22 +100,22 @@ pub(in crate::conv) fn weight_gradient(
     weights
 }
 
-/// Inputs and gradients of outputs, whose products are summed over tiles for every frequency.
+/// Inputs and gradients of outputs; their products are summed over tiles for every frequency.
 struct Correlation<'a> {
     level: Level,
     x: Images<'a>,
     grad: Images<'a>,
-    /// Channels and outputs, in whole vectors and whole panels.
+    /// Channels, padded to whole vectors, and outputs, padded to whole panels.
     padded: [usize; 2],
-    /// Outputs that are multiplied at once.
+    /// Outputs multiplied at once.
     panel: usize,
     tiles: &'a [Tile],
-    /// Tiles of a block.
+    /// Tiles per block.
     block_tiles: usize,
 }
 
 impl Correlation<'_> {
-    /// Floats of the spectra of a block: of inputs and of gradients.
+    /// Returns the numbers of floats of the spectra of a block, for inputs and for gradients.
     fn block(&self) -> [usize; 2] {
         let padded = self.padded;
         padded.map(|padded| SPECTRUM * frequency_stride(self.block_tiles, padded))
@@ -128,7 +128,7 @@ impl Correlation<'_> {
             x,
             grad,
         };
-        // SAFETY: the memory is as long as `block` says, and so are rows of pixels.
+        // SAFETY: the memory has the lengths of `block`, and rows of pixels have their lengths.
         unsafe { self.level.run(kernel) }
     }
 
@@ -136,8 +136,8 @@ impl Correlation<'_> {
         self.padded[1] / self.panel
     }
 
-    /// For many tiles: the sums of parts of the tiles, `[part][frequency][channel][padded output]`, each computed by one
-    /// thread within its cache. The caller adds them up.
+    /// For many tiles: computes sums over parts of the tiles, `[part][frequency][channel][padded output]`, each by one thread
+    /// within its cache. The caller adds them.
     fn by_parts(&self, sums: &mut [f32], parts: usize, scratch: &Scratch) {
         let sum = sums.len() / parts;
         let part = self.tiles.len().div_ceil(parts);
@@ -161,14 +161,14 @@ impl Correlation<'_> {
                         sums: Shared::new(sum),
                         overwrite: false,
                     };
-                    // SAFETY: the sums are of this part.
+                    // SAFETY: the sums belong to this part.
                     unsafe { self.level.run(kernel) }
                 }
             });
         });
     }
 
-    /// For few tiles: first all spectra, then the products of each frequency, `sums [frequency][channel][padded output]`.
+    /// For few tiles: computes all spectra, then the products of each frequency, `sums [frequency][channel][padded output]`.
     fn by_frequencies(&self, spectra: &mut [f32], sums: &mut [f32]) {
         let [x_block, grad_block] = self.block();
         let blocks = self.tiles.len().div_ceil(self.block_tiles);
@@ -202,7 +202,7 @@ impl Correlation<'_> {
     }
 }
 
-/// Takes a block of tiles of inputs and of gradients to the frequency domain, `[frequency][tile][padded]`.
+/// Transforms a block of tiles of inputs and of gradients to the frequency domain, `[frequency][tile][padded]`.
 struct Transform<'a> {
     of: &'a Correlation<'a>,
     tiles: &'a [Tile],
@@ -249,7 +249,7 @@ impl Kernel for Transform<'_> {
     }
 }
 
-/// The sums over the tiles of a block of inputs times gradients, for some frequencies and panels of outputs.
+/// Sums the products of inputs and gradients over the tiles of a block, for some frequencies and panels of outputs.
 struct Products<'a> {
     of: &'a Correlation<'a>,
     tiles: usize,
@@ -259,7 +259,7 @@ struct Products<'a> {
     panels: Range<usize>,
     /// `[frequency][channel][padded output]`
     sums: Shared<'a>,
-    /// Whether the sums are set rather than added to.
+    /// Whether the sums are overwritten instead of added to.
     overwrite: bool,
 }
 
@@ -280,7 +280,7 @@ impl Kernel for Products<'_> {
 }
 
 impl Products<'_> {
-    /// In panels of `W` vectors.
+    /// Computes the sums with panels of `W` vectors.
     ///
     /// # Safety
     /// As for `Vector`; no other task has these frequencies and panels of the sums.
@@ -326,7 +326,7 @@ impl Products<'_> {
     }
 }
 
-/// Takes the gradient of the spectrum of one channel's filters back to their taps.
+/// Transforms the gradient of the spectrum of one channel's filters back to their taps.
 struct Inverse<'a> {
     /// `[part][frequency][channel][padded output]`
     sums: &'a [f32],

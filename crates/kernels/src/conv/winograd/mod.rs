@@ -1,8 +1,7 @@
 //! 3x3 convolution at stride 1 by Winograd's minimal filtering F(4x4, 3x3) (Lavin and Gray 2016):
 //! 36 products per 16 outputs and pair of channels instead of 144.
 //!
-//! Images are `[batch, height, width, channels]`. A dilated convolution is as many plain ones on
-//! interleaved grids.
+//! Images are `[batch, height, width, channels]`. A dilated convolution is computed as several plain ones on interleaved grids.
 
 mod filter;
 mod forward;
@@ -21,8 +20,8 @@ const OUT: usize = 4;
 /// Inputs of a tile along an axis.
 const IN: usize = 6;
 
-/// Floats from one frequency to the next in a spectrum of so many rows: a cache line more than they
-/// take, or all frequencies of a tile would compete for the same lines of the cache.
+/// Returns the distance in floats between frequencies in a spectrum with this many rows: their size plus a cache line, because
+/// otherwise all frequencies of a tile would compete for the same cache lines.
 const fn frequency_stride(rows: usize, row: usize) -> usize {
     rows * row + 16
 }
@@ -30,8 +29,7 @@ const fn frequency_stride(rows: usize, row: usize) -> usize {
 /// The first output pixel of a tile: image, row, column.
 type Tile = [usize; 3];
 
-/// All tiles of a batch of images `[batch, height, width]`. The pixels of a tile are `dilation`
-/// apart.
+/// Returns all tiles of a batch of images `[batch, height, width]`. The pixels of a tile are `dilation` apart.
 fn tiles([batch, height, width]: [usize; 3], dilation: usize) -> Vec<Tile> {
     let starts = |length: usize| {
         let phases = 0..dilation.min(length);
@@ -49,20 +47,19 @@ fn tiles([batch, height, width]: [usize; 3], dilation: usize) -> Vec<Tile> {
     tiles
 }
 
-/// A batch of images that tiles are read from.
+/// A batch of images, divided into tiles.
 #[derive(Clone, Copy)]
 struct Images<'a> {
     values: &'a [f32],
     size: [usize; 3],
     channels: usize,
     dilation: usize,
-    /// At least `channels` zeros: what lies outside.
+    /// At least `channels` zeros, for pixels outside the image.
     zeros: &'a [f32],
 }
 
 impl Images<'_> {
-    /// The channels of each pixel of a window whose first pixel lies `before` steps left and up
-    /// of a tile's.
+    /// Returns the channels of each pixel of a window that begins `before` steps to the left and above a tile.
     #[inline(always)]
     fn window<const N: usize>(&self, [image, y, x]: Tile, before: usize) -> [[*const f32; N]; N] {
         let [_, height, width] = self.size;
@@ -106,9 +103,8 @@ impl Images<'_> {
         )
     }
 
-    /// Transforms windows of `N x N` pixels by `one` along both axes and hands each frequency to
-    /// `sink(channel, frequency, value)`, in whole vectors up to `padded` channels; those beyond
-    /// the last are 0.
+    /// Transforms windows of `N x N` pixels by `one` along both axes, and passes each frequency to
+    /// `sink(channel, frequency, value)`, in whole vectors up to `padded` channels; channels beyond the last are 0.
     ///
     /// # Safety
     /// As for `Vector`.
@@ -122,7 +118,7 @@ impl Images<'_> {
     ) {
         let whole = self.channels / V::LANES * V::LANES;
         for c in (0..padded).step_by(V::LANES) {
-            // SAFETY: every pixel has `channels` floats; of those beyond none is read.
+            // SAFETY: every pixel has `channels` floats; no floats beyond them are read.
             unsafe {
                 if c < whole {
                     both_axes(

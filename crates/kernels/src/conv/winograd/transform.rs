@@ -1,12 +1,12 @@
 //! The one-dimensional transforms of F(4, 3) with the points 0, 1, -1, 2, -2 and infinity, and
 //! their adjoints.
 //!
-//! All functions are as unsafe as those of `Vector`.
+//! The safety requirements of all functions are those of `Vector`.
 
 use super::{IN, OUT};
 use crate::simd::Vector;
 
-/// One column of a block of rows, so that it can be transformed in turn.
+/// Returns one column of a block of rows, for the second transform.
 #[inline(always)]
 pub(super) fn column<V: Copy, const N: usize, const M: usize>(
     rows: &[[V; M]; N],
@@ -18,7 +18,7 @@ pub(super) fn column<V: Copy, const N: usize, const M: usize>(
     )
 }
 
-/// G g: a filter's spectrum.
+/// Computes G g, a filter's spectrum.
 #[inline(always)]
 pub(super) unsafe fn filter<V: Vector>([a, b, c]: [V; 3]) -> [V; IN] {
     // SAFETY: as demanded from the caller.
@@ -38,7 +38,7 @@ pub(super) unsafe fn filter<V: Vector>([a, b, c]: [V; 3]) -> [V; IN] {
     }
 }
 
-/// G^T u: from the gradient of a spectrum to that of the filter.
+/// Computes G^T u, the gradient of the filter from that of its spectrum.
 #[inline(always)]
 pub(super) unsafe fn filter_adjoint<V: Vector>(u: [V; IN]) -> [V; 3] {
     // SAFETY: as demanded from the caller.
@@ -55,7 +55,7 @@ pub(super) unsafe fn filter_adjoint<V: Vector>(u: [V; IN]) -> [V; 3] {
     }
 }
 
-/// B^T d: the spectrum of six inputs.
+/// Computes B^T d, the spectrum of six inputs.
 #[inline(always)]
 pub(super) unsafe fn input<V: Vector>(d: [V; IN]) -> [V; IN] {
     // SAFETY: as demanded from the caller.
@@ -77,7 +77,7 @@ pub(super) unsafe fn input<V: Vector>(d: [V; IN]) -> [V; IN] {
     }
 }
 
-/// A^T m: four outputs from six products.
+/// Computes A^T m, four outputs from six products.
 #[inline(always)]
 pub(super) unsafe fn output<V: Vector>(m: [V; IN]) -> [V; OUT] {
     // SAFETY: as demanded from the caller.
@@ -94,7 +94,7 @@ pub(super) unsafe fn output<V: Vector>(m: [V; IN]) -> [V; OUT] {
     }
 }
 
-/// A y: from the gradient of four outputs to that of six products.
+/// Computes A y, the gradient of six products from that of four outputs.
 #[inline(always)]
 pub(super) unsafe fn output_adjoint<V: Vector>(y: [V; OUT]) -> [V; IN] {
     // SAFETY: as demanded from the caller.
