@@ -36,8 +36,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         "{:.0} % of the errors are within a standard deviation",
         100.0 * share
     );
-    let foretold = completion.leave_one_out_error().unwrap();
-    println!("foretold by leaving out one point after another: {foretold:.3} m");
-    assert!((rmse / foretold - 1.0).abs() < 0.2, "{rmse} {foretold}");
+    let expected = completion.leave_one_out_error().unwrap();
+    println!("leave-one-out error: {expected:.3} m");
+    assert!((rmse / expected - 1.0).abs() < 0.2, "{rmse} {expected}");
     Ok(())
 }
