@@ -201,18 +201,19 @@ impl Scene {
     /// # let completer = Completer::new(&Weights::builtin_small())?;
     /// # let grey = vec![128_u8; 3 * 64 * 48];
     /// # let scene = completer.scene(&Image::new(64, 48, Channels::Rgb, &grey)?)?;
-    /// // Two cameras side by side in front of a wall at 2 m.
+    /// // Two cameras side by side in front of a corrugated wall, z = 2 + 0.2 sin(6 x).
     /// let camera = Camera::pinhole([60.0, 60.0], [31.5, 23.5]);
     /// let aside = camera.clone().with_pose([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [-0.2, 0.0, 0.0]);
-    /// let wall = |first: usize| -> Observations {
-    ///     let places = (first..3072).step_by(61).map(|i| ((i % 64) as f64, (i / 64) as f64));
-    ///     places.map(|(u, v)| lsdc_core::Observation { u, v, depth: 2.0, sigma: None }).collect()
+    /// let depth = |x: f64, u: f64| (0..50).fold(2.0, |z, _| 2.0 + 0.2 * (6.0 * (x + (u - 31.5) / 60.0 * z)).sin());
+    /// let wall = |x: f64, step: usize| -> Observations {
+    ///     let places = (0..3072).step_by(step).map(|i| ((i % 64) as f64, (i / 64) as f64));
+    ///     places.map(|(u, v)| lsdc_core::Observation { u, v, depth: depth(x, u) as f32, sigma: None }).collect()
     /// };
-    /// let own = PosedView::new(camera, 64, 48, wall(0))?;
-    /// let other = PosedView::new(aside, 64, 48, wall(30))?;
+    /// let own = PosedView::new(camera, 64, 48, wall(0.0, 61))?;
+    /// let other = PosedView::new(aside, 64, 48, wall(0.2, 17))?;
     /// let (completion, report) = scene.complete_with_views(&own, &[&other], &ViewSettings::default())?;
-    /// assert!(report.carried() > 30);
-    /// assert!((completion.depth()?.at(30, 20) - 2.0).abs() < 0.01);
+    /// assert!(report.carried() > 100);
+    /// assert!((f64::from(completion.depth()?.at(30, 20)) - depth(0.0, 30.0)).abs() < 0.05);
     /// # Ok(())
     /// # }
     /// # #[cfg(not(feature = "weights"))]

@@ -287,7 +287,7 @@ fn a_depth_head_can_be_added_to_an_installed_encoder() {
     assert_eq!(scratch.head(), all);
     assert_eq!(
         scratch.add_with_head(&published, true).unwrap(),
-        Installation::Head
+        Installation::New
     );
     let all = tensors(&[one, other, other_values, PUBLISHED]);
     assert_eq!(scratch.head(), all);
