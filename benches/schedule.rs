@@ -8,6 +8,7 @@
 
 #![allow(clippy::print_stdout)]
 
+use lsdc::process::keep_pages;
 use lsdc_core::{Completer, Observations, Weights};
 use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use lsdc_eval::predict::scene;
@@ -24,6 +25,7 @@ const ROUNDS: usize = 21;
 const THREADS: [usize; 5] = [1, 2, 4, 8, 16];
 
 fn main() -> Result<(), Box<dyn Error>> {
+    keep_pages();
     let mut args = std::env::args().skip(1).filter(|arg| !arg.starts_with('-'));
     let size = args.next().unwrap_or_else(|| "304x228".into());
     let (width, height) = size.split_once('x').ok_or("a size is WIDTHxHEIGHT")?;
