@@ -20,12 +20,12 @@ def place(frame):
 
 
 def wall(frame):
-    """The depth of a wall with waves, z = 3 + 0.3 sin(1.8 x + 1.5 y), at every pixel of a frame."""
+    """The depth of a wall with waves, z = 3 + 0.3 sin(2.4 x + 2 y), at every pixel of a frame."""
     down, across = np.mgrid[:HEIGHT, :WIDTH]
     right, down = (across - 47.5) / 80, (down - 35.5) / 80
     z = np.full((HEIGHT, WIDTH), 3.0)
     for _ in range(100):  # a contraction: waves are less steep than rays
-        z = 3 + 0.3 * np.sin(1.8 * (place(frame)[0, 3] + right * z) + 1.5 * down * z)
+        z = 3 + 0.3 * np.sin(2.4 * (place(frame)[0, 3] + right * z) + 2 * down * z)
     return z
 
 
