@@ -9,17 +9,8 @@ use lsdc_eval::sampling::Size;
 use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Opens weights on a device, both by name. With `guided`, a GPU can predict the guide of its scenes.
-#[cfg_attr(not(feature = "gpu"), expect(unused_variables))]
-pub(in crate::cli) fn open_completer(
-    weights: Option<&Path>,
-    name: &str,
-    guided: bool,
-) -> Result<Completer> {
-    #[cfg(feature = "gpu")]
-    if let Some(completer) = super::gpu::open_completer(weights, name, guided)? {
-        return Ok(completer);
-    }
+/// Opens weights on the CPU, the only device of this build beside a GPU.
+pub(super) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Completer> {
     check_device(name)?;
     lsdc_weights::open_completer(weights)
 }

@@ -8,17 +8,8 @@ use lsdc_paper::systems::Predictor;
 use lsdc_train::device::{Device, device};
 use std::path::{Path, PathBuf};
 
-/// Opens weights on a device, both by name. With `guided`, a GPU can predict the guide of its scenes.
-#[cfg_attr(not(feature = "gpu"), expect(unused_variables))]
-pub(in crate::cli) fn open_completer(
-    weights: Option<&Path>,
-    name: &str,
-    guided: bool,
-) -> Result<Completer> {
-    #[cfg(feature = "gpu")]
-    if let Some(completer) = super::gpu::open_completer(weights, name, guided)? {
-        return Ok(completer);
-    }
+/// Opens weights on the CPU or a device of burn, both by name.
+pub(super) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Completer> {
     lsdc_train::predict::open_completer(weights, &device(name)?)
 }
 
