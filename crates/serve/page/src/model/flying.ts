@@ -18,10 +18,10 @@ const BETWEEN = 0.1;
 const DIRECTIONS = [[1, 0], [0, 1], [1, 1], [1, -1]] as const;
 
 /**
-  * Returns 1 for each flying pixel, row by row. A pixel is flying if along a row, a column or a diagonal
-  * - its inverse depth is between those of its two neighbours, at a grazing angle; and
-  * - inverse depth changes less at a distance on both sides. It is linear on planes, so a slanted plane would continue.
-  * Only every `stride`-th row and column is tested.
+ * Returns 1 for each flying pixel, row by row. A pixel is flying if along a row, a column or a diagonal
+ * - its inverse depth is between those of its two neighbours, at a grazing angle; and
+ * - inverse depth changes less at a distance on both sides. It is linear on planes, so a slanted plane would continue.
+ * Only every `stride`-th row and column is tested.
  */
 export function flyingPixels(depth: Float32Array, width: number, height: number, { fx, fy }: Intrinsics, stride = 1): Uint8Array {
   const inverse = new Float32Array(depth.length);

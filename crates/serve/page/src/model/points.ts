@@ -16,8 +16,8 @@ export type Row = [number, number, number] | [number, number, number, number];
 export const row = ({ u, v, depth, sigma }: Point): Row => (sigma === undefined ? [u, v, depth] : [u, v, depth, sigma]);
 
 /**
-  * Selects `count` pseudorandom points. Subsets are nested and keep their members when points are added at the end; points
-  * placed on the page come first.
+ * Selects `count` pseudorandom points. Subsets are nested and keep their members when points are added at the end; points
+ * placed on the page come first.
  */
 export function subset(points: readonly Point[], count: number | null): boolean[] {
   if (count === null || count >= points.length) return points.map(() => true);
