@@ -1,7 +1,7 @@
 """Checks a RayJob: `ray_job.py FILE FOLDER [CRD]`.
 
-Writes the pods that KubeRay makes of it to FOLDER, as manifests for a validator. With KubeRay's definition of RayJob
-(`ray-operator/config/crd/bases/ray.io_rayjobs.yaml`), checks the job itself; a field that it does not have is an error.
+Writes the pods that KubeRay creates from it to FOLDER, as manifests for a validator. With KubeRay's definition of RayJob
+(`ray-operator/config/crd/bases/ray.io_rayjobs.yaml`), checks the job itself; unknown fields are errors.
 """
 
 import json
@@ -20,7 +20,7 @@ def pods(job: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def closed(schema: Any) -> Any:
-    """The schema, without further properties, and without what JSON Schema does not know."""
+    """Returns the schema without additional properties, and without keywords that JSON Schema lacks."""
     if isinstance(schema, list):
         return [closed(part) for part in schema]
     if not isinstance(schema, dict):
@@ -42,7 +42,7 @@ def main() -> int:
         return 0
     versions = yaml.safe_load(definition[0].read_text())["spec"]["versions"]
     schema = closed(next(version for version in versions if version["name"] == "v1")["schema"]["openAPIV3Schema"])
-    # Not part of the definition: that of every object.
+    # Not part of the definition: the metadata of every object.
     schema["properties"]["metadata"] = {"type": "object"}
     errors = list(Draft7Validator(schema).iter_errors(job))
     for error in errors:

@@ -1,5 +1,4 @@
-//! Image to basis functions, new points for kept basis functions, and all of it, at 228x304 and 500
-//! points.
+//! Basis functions from an image, new points with cached basis functions, and both together, at 228x304 with 500 points.
 //!
 //!     cargo bench --bench completion
 
@@ -15,7 +14,7 @@ use lsdc_train::device::Device;
 use lsdc_train::model::{InitNetwork as _, weights_of};
 use std::hint::black_box;
 
-/// A network with random weights: as fast as a trained one.
+/// A completer with random weights, as fast as trained ones.
 fn completer(network: NetworkConfig) -> Completer {
     let device = Device::flex();
     let net = network.init(0, &device).expect("a preset");

@@ -13,7 +13,7 @@ const SIZE: [usize; 2] = [228, 304];
 fn field(criterion: &mut Criterion) {
     let [height, width] = SIZE;
     let mut rng = Rng::stream(0, &["bench"]);
-    // From 1e-4 to 1, as edges of images are.
+    // From 1e-4 to 1, like affinities of images.
     let mut strengths = || -> Vec<f64> {
         let unit = (0..height * width).map(|_| f64::from(rng.unit()));
         unit.map(|v| 10f64.powf(-4.0 * v)).collect()

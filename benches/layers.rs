@@ -1,5 +1,4 @@
-//! Each shape of layer of the paper's network at 228x304, and of the default network's where it differs, forward and
-//! backward.
+//! Every layer shape of the paper's network at 228x304, and of the default network where it differs, forward and backward.
 //!
 //!     cargo bench --bench layers
 
@@ -10,7 +9,7 @@ use lsdc_kernels::simd::{Level, Scratch, Tail};
 use lsdc_rng::Rng;
 use std::hint::black_box;
 
-/// Rows and columns at full, half and a quarter of the resolution.
+/// Rows and columns at full, half and quarter resolution.
 const FULL: [usize; 2] = [228, 304];
 const HALF: [usize; 2] = [114, 152];
 const QUARTER: [usize; 2] = [57, 76];
@@ -81,7 +80,7 @@ fn forward(criterion: &mut Criterion) {
     }
 }
 
-/// Both gradients of four images, as a training step has them, kernel by kernel.
+/// Both gradients for a batch of four images, as in a training step, for each kernel.
 fn backward(criterion: &mut Criterion) {
     const BATCH: usize = 4;
     keep_pages();

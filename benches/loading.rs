@@ -1,5 +1,5 @@
-//! Frames from disk: 640x480 JPEG or PNG with 16-bit PNG depths to 228x304, for measuring and, with
-//! augmentation and sparse points, for training. Frames per second on all threads.
+//! Loading of frames: 640x480 JPEG or PNG with 16-bit PNG depths, resized to 228x304, for evaluation and, with augmentation and
+//! sparse points, for training. Frames per second on all threads.
 //!
 //!     cargo bench --bench loading
 

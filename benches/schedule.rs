@@ -1,10 +1,10 @@
-//! How long a completion would take on more cores than there are: what it runs in parallel is recorded on one thread, and
-//! handed out to 1 to 16 threads. The times that are measured on one and on two threads stand beside.
+//! Predicts the time of a completion on more cores than the machine has: tasks are recorded on one thread, and their schedule
+//! is simulated for 1 to 16 threads. Times measured on one and two threads are printed alongside.
 //!
 //!     cargo bench --bench schedule -- [WIDTHxHEIGHT [POINTS]]
 //!
-//! An idle thread takes a waiting task, the newest first, for the cost of such a move, which is measured. That cores share
-//! memory, caches and power is left out: the prediction is a bound.
+//! An idle thread takes the newest waiting task, at the measured cost of such a move. Shared memory, caches and power are not
+//! modelled, so the predicted time is a lower bound.
 
 #![allow(clippy::print_stdout)]
 
@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Prints measured and predicted times of some work.
+/// Prints the measured and predicted times of `work`.
 fn report<R: Send>(
     name: &str,
     cost: Duration,
@@ -96,8 +96,8 @@ fn report<R: Send>(
     println!("{name:10}{}   {}", list(&measured), list(&predicted));
 }
 
-/// Takes the least time of each task of two traces of the same work: other processes disturb few tasks of a trace, but some
-/// of each.
+/// Takes the shorter time of each task in two traces of the same work: other processes disturb few tasks of a trace, but some
+/// in every trace.
 fn shorten(trace: &mut TaskTrace, other: &TaskTrace) {
     for pair in trace.0.iter_mut().zip(&other.0) {
         match pair {
@@ -106,13 +106,13 @@ fn shorten(trace: &mut TaskTrace, other: &TaskTrace) {
                 let pairs = tasks.iter_mut().zip(others);
                 pairs.for_each(|(task, other)| shorten(task, other));
             }
-            // Not the same work.
+            // Different work.
             _ => {}
         }
     }
 }
 
-/// The least time, which other processes disturbed least.
+/// The shortest time, which other processes disturbed least.
 fn least(times: impl Iterator<Item = Duration>) -> Duration {
     times.min().unwrap_or_default()
 }
@@ -123,7 +123,7 @@ fn median(times: impl Iterator<Item = Duration>) -> Duration {
     times[times.len() / 2]
 }
 
-/// The delay of a task that moves to another thread.
+/// Measures the delay of a task that moves to another thread.
 fn cost_of_a_move(two: &ThreadPool) -> Duration {
     const WORK: Duration = Duration::from_micros(200);
     let busy = || {
@@ -144,9 +144,9 @@ fn cost_of_a_move(two: &ThreadPool) -> Duration {
 /// A task in the simulation.
 struct Job<'a> {
     task: &'a TaskTrace,
-    /// The index of the next segment.
+    /// Index of the current segment.
     segment: usize,
-    /// Unfinished tasks of the last segment.
+    /// Number of unfinished tasks of the current segment.
     unfinished: usize,
     parent: Option<usize>,
     /// The thread that spawned it, later the thread that ran it last.
@@ -165,12 +165,12 @@ impl<'a> Job<'a> {
     }
 }
 
-/// The time of a task on that many threads, each of which takes the newest job that is ready.
+/// Simulates a task on a number of threads, each of which takes the newest job that is ready, and returns its time.
 fn simulated(task: &TaskTrace, threads: usize, cost: Duration) -> Duration {
     let mut jobs = vec![Job::new(task, None, 0)];
     let mut ready = vec![0];
     let mut idle: Vec<usize> = (0..threads).rev().collect();
-    // The end of a segment, its thread and its job.
+    // End time, thread and job of each running segment.
     let mut ends: BinaryHeap<Reverse<(Duration, usize, usize)>> = BinaryHeap::new();
     let mut now = Duration::ZERO;
     loop {
@@ -195,7 +195,7 @@ fn simulated(task: &TaskTrace, threads: usize, cost: Duration) -> Duration {
         };
         now = time;
         idle.push(thread);
-        // The next segment of this job, or of those that waited for it.
+        // Continue with the next segment of this job, or of the parents that waited for it.
         loop {
             jobs[job].segment += 1;
             let (task, segment) = (jobs[job].task, jobs[job].segment);

@@ -19,7 +19,7 @@ fn solve(criterion: &mut Criterion) {
         for (name, solver) in [
             ("ridge", Solver::Ridge(1e-4)),
             ("full rank", Solver::Truncated(1e-12)),
-            // No matrix is this well conditioned, so that the fast path does not apply.
+            // No matrix is this well conditioned, so the fast path does not apply.
             ("truncated SVD", Solver::Truncated(0.5)),
         ] {
             group.bench_function(name, |bencher| {

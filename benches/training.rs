@@ -1,4 +1,4 @@
-//! A step of training at 228x304, batch 2: forward, fit, losses, backward, Adam.
+//! A training step at 228x304 with a batch of 2: forward, fit, losses, backward, Adam.
 //!
 //!     cargo bench --bench training
 

@@ -1,4 +1,4 @@
-//! Files to a file: an image and its points, in any form that `lsdc complete` reads, to depth.
+//! Completes depth from an image file and a file of points, in any format that `lsdc complete` reads.
 //!
 //!     cargo run --release --example complete -- assets/room/rgb.png assets/room/sparse.npy depth.npy
 

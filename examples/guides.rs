@@ -1,5 +1,5 @@
-//! What guides bring: completes frames whose depth is known with predictions made from that depth, good and bad, and
-//! prints the RMSE, and its ratio to that without a guide.
+//! Measures the effect of guides: completes frames of known depth with good and bad predictions derived from that depth, and
+//! prints the RMSE and its ratio to the RMSE without a guide.
 //!
 //!     cargo run --release --example guides -- FRAMES/*.jpg        # beside each, its NAME_depth.png in millimetres
 
@@ -14,10 +14,10 @@ use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use std::path::Path;
 
-/// Numbers of points, and draws of each.
+/// Numbers of points, each with its number of draws.
 const POINTS: [(usize, u64); 4] = [(5, 3), (20, 2), (50, 1), (500, 1)];
 
-/// A prediction from the truth of a frame and that of another one.
+/// Makes a prediction from the true depths of a frame and of another frame.
 type Prediction = fn(&DepthMap, &DepthMap) -> Vec<f32>;
 
 const GUIDES: [(&str, GuideKind, Prediction); 8] = [
@@ -98,7 +98,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// NaN where there is no depth.
+/// Applies a function to each depth; NaN at pixels without depth.
 fn each(truth: &DepthMap, of: impl Fn(f32) -> f32) -> Vec<f32> {
     let value = |d: &f32| if *d > 0.0 { of(*d) } else { f32::NAN };
     truth.values().iter().map(value).collect()

@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""What each part of the network, the fit and the training is worth, on equal budgets.
+"""Measures the effect of each part of the network, the fit and the training, with equal budgets.
 
-Trains one variant after the other from the same seed, measures each on test frames, and prints a
-table. What exists is not done again: stop and go on as you like. Variants of `nyu-affinities.toml` and
-`nyu-joint.toml` judge edges and start from weights with basis functions; those of `nyu-half.toml` learn
-basis functions; those of `nyu-map.toml` learn a map of depth beside the basis functions of the start; those
-of `nyu-lite.toml`, "further", start from the weights `default`. Some have the weights `anything` as their
-teacher. FRAMES/SET/FRAME.jpg and FRAME_depth.png are further frames, PHOTOS/SET/FRAME.jpg photographs
-without depths.
+Trains one variant after the other from the same seed, evaluates each on test frames, and prints a table. Existing
+results are reused, so the script can be interrupted and restarted. Variants of `nyu-affinities.toml` and
+`nyu-joint.toml` learn affinities and start from weights with basis functions; those of `nyu-half.toml` learn basis
+functions; those of `nyu-map.toml` learn a depth map in addition to the basis functions of the start; those of
+`nyu-lite.toml` ("further") start from the weights `default`. Some use the weights `anything` as a teacher.
+FRAMES/SET/FRAME.jpg and FRAME_depth.png are further frames, PHOTOS/SET/FRAME.jpg photographs without depths.
 
     python3 scripts/ablation.py --root NYU_TREE --more FRAMES --photos PHOTOS --backbone FILE \\
         --start WEIGHTS -o ablation
@@ -15,7 +14,7 @@ without depths.
     python3 scripts/ablation.py --root NYU_TREE --more FRAMES --steps 300 -o ablation --points 500 50 5 --only further
     python3 scripts/ablation.py --list
 
-Needs Python 3.11 and nothing else.
+Needs only Python 3.11.
 """
 
 import argparse
@@ -29,7 +28,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# The sharp network without its edges; presets cannot be changed in part.
+# The sharp network without its affinities; presets cannot be modified.
 NETWORK = {
     "extractor": {
         "stem": 16,
@@ -51,7 +50,7 @@ NETWORK = {
     "affinities": 0,
     "norm": "batch",
 }
-# Its extractor as the medium network has it.
+# The extractor of the medium network.
 MEDIUM = {
     "stem": 32,
     "stages": [
@@ -63,7 +62,7 @@ MEDIUM = {
     "branch": 32,
     "merge": 128,
 }
-# What the lite network adds to the extractor: stages for context, and a pretrained backbone.
+# Additions of the lite network to the extractor: stages for context, and a pretrained backbone.
 LITE = {
     "context": [
         {"width": 96, "blocks": 1},
@@ -72,7 +71,7 @@ LITE = {
     ],
     "backbone": {"stages": 5, "decoder": 64},
 }
-# Stand for what is given on the command line.
+# Placeholders of command-line arguments.
 FRAMES, FEWER, PHOTOS = "FRAMES", "FEWER", "PHOTOS"
 OTHERS = {
     "dataset": "folder",
@@ -94,9 +93,9 @@ FLAWS = {
     "noise": {"chance": 0.2, "most": 8.0},
     "compression": {"chance": 0.2, "most": 60.0},
 }
-# Their networks suggest a depth by themselves: the prior is learned from the frames that it is for.
+# Their networks predict a depth map from the image: the prior is learned on the frames of its use.
 OWN_PRIOR = ("nyu-lite", "nyu-map")
-# Rendered at the size that images of half the size are read at.
+# Rendered at the input size of half-size images.
 ROOMS = {"dataset": "rooms", "rooms": {"train": 800, "width": 160, "height": 120}}
 
 
@@ -114,14 +113,14 @@ def laid_over(base: dict, changes: dict) -> dict:
 
 @dataclass
 class Variant:
-    """A configuration and what differs from it, or the weights of another variant."""
+    """A configuration and its changes, or the weights of another variant."""
     config: str = ""
     changes: dict = field(default_factory=dict)
-    # The name of the variant whose weights training starts from.
+    # Name of the variant whose weights start the training.
     after: str = ""
-    # The name of the variant whose weights these are; "start" for those that training starts from.
+    # Name of the variant whose weights are evaluated; "start" for the initial weights.
     weights: str = ""
-    # How they are fitted.
+    # Options of the fit.
     flags: tuple[str, ...] = ()
 
 
@@ -156,7 +155,7 @@ def from_teacher(target: str = "measured", part: str = "bases", **weights: float
 
 
 def functions(count: int) -> Variant:
-    # The last hidden layer is at least as wide as there are basis functions.
+    # The last hidden layer has at least as many units as there are basis functions.
     return bases(network={"bases": count, "hidden": [128, max(128, count)]})
 
 
@@ -227,7 +226,7 @@ VARIANTS = {
 
 
 def toml(table: dict, name: str = "") -> str:
-    """Enough of TOML for settings: tables of numbers, strings, arrays and inline tables."""
+    """Formats settings as TOML: tables of numbers, strings, arrays and inline tables."""
     def value(v) -> str:
         if isinstance(v, dict):
             return "{ " + ", ".join(f"{k} = {value(x)}" for k, x in v.items()) + " }"
@@ -245,14 +244,14 @@ def toml(table: dict, name: str = "") -> str:
 
 
 def fewer(args: argparse.Namespace) -> Path:
-    """Links to every third frame of the first dataset's training frames."""
+    """Creates links to every third training frame of the first dataset."""
     folder = args.output / "fewer"
     train = Path(args.root, "train").resolve()
     for image in sorted(train.glob("*/*.jpg"))[::3]:
         for file in (image, image.with_name(f"{image.stem}_depth.png")):
             link = folder / "train" / file.relative_to(train)
             link.parent.mkdir(parents=True, exist_ok=True)
-            # Another task may have made it.
+            # Another task may have created it.
             with contextlib.suppress(FileExistsError):
                 link.symlink_to(file)
     return folder
@@ -358,7 +357,7 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="print what is trained and stop")
     args = parser.parse_args()
     names = args.only.split(";") if args.only else list(VARIANTS)
-    # Those that another starts from are trained in its task: two tasks must not share a folder.
+    # Variants from which another one starts are trained in its task, because two tasks must not share a folder.
     befores = {variant.after for variant in VARIANTS.values()}
     trained = [name for name in names if VARIANTS[name].config and name not in befores]
     if args.list:

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The archive that is released: `archive.sh PROGRAM NAME FOLDER [RUNS]` writes FOLDER/NAME.tar.gz, or NAME.zip where the
-# program is an .exe. RUNS writes the manual pages: the same version for this machine [default: PROGRAM].
-# `[package.metadata.binstall]` in Cargo.toml expects these names and this layout.
+# Packs a release archive: `archive.sh PROGRAM NAME FOLDER [RUNS]` writes FOLDER/NAME.tar.gz, or NAME.zip if the program is
+# an .exe. RUNS, the same version for this machine, writes the manual pages [default: PROGRAM]. Names and layout must match
+# `[package.metadata.binstall]` in Cargo.toml.
 set -euo pipefail
 program=$1 name=$2 runs=${4:-$1}
 mkdir -p "$3"

@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""Averages the tensors of two weights files of one network: runs that one set off from the other, for example.
+"""Averages the tensors of two weights files of one network, such as a run and the run from which it started.
 
     python3 scripts/average.py FIRST SECOND [--share 0.5] [--only PREFIX] -o AVERAGE.safetensors
 
-The share is that of the second, whose settings are kept. With --only, all tensors but those whose names begin with PREFIX, and
-the settings, are those of the first, and both need only these in common: `--only edges --share 1` takes the affinities
-of the second. A prior is one of the functions that it was learned for:
-`lsdc calibrate --weights AVERAGE.safetensors` must learn another. The average tells what both were made from
-(`lsdc weights info`). Needs numpy.
+SHARE is the weight of SECOND, whose settings are kept. With --only, settings and all tensors whose names do not begin with
+PREFIX come from FIRST, and only tensors with PREFIX must be in both: `--only edges --share 1` takes the affinities of
+SECOND. A prior is valid only for the functions for which it was learned: learn another one with
+`lsdc calibrate --weights AVERAGE.safetensors`. The average records the history of both (`lsdc weights info`). Needs numpy.
 """
 
 import argparse
@@ -25,7 +24,7 @@ PRIOR = "table.prior."
 
 
 def read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
-    """The metadata and the tensors of a file."""
+    """Returns the metadata and the tensors of a file."""
     data = path.read_bytes()
     start = 8 + struct.unpack("<Q", data[:8])[0]
     header = json.loads(data[8:start])
@@ -39,7 +38,7 @@ def read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
 
 
 def contents(path: Path) -> str:
-    """The name that lsdc has for the bytes of a file: FNV-1a of 64 bits, with a separator at the end."""
+    """Returns lsdc's hash of the bytes of a file: 64-bit FNV-1a, with a separator at the end."""
     state = 0xCBF29CE484222325
     for byte in path.read_bytes() + b"\xff":
         state = (state ^ byte) * 0x100000001B3 & 0xFFFFFFFFFFFFFFFF
@@ -47,9 +46,9 @@ def contents(path: Path) -> str:
 
 
 def made(files: list[tuple[Path, dict]], share: float, only: str) -> dict:
-    """What was done, as lsdc records it."""
+    """Returns the history entry, as lsdc records it."""
     first, second = (json.loads(notes.get("history", "[]")) for _, notes in files)
-    # What both have in common is told once.
+    # Common entries are recorded once.
     histories = [first, [entry for entry in second if entry not in first]]
     return {
         "by": "scripts/average.py",
@@ -77,7 +76,7 @@ def write(path: Path, notes: dict, tensors: dict[str, np.ndarray]) -> None:
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 8)
     values = b"".join(tensors[name].astype("<f4").tobytes() for name in sorted(tensors))
-    # Never half there.
+    # Replace the file atomically.
     part = path.with_name(f".{path.name}.part")
     part.write_bytes(struct.pack("<Q", len(text)) + text + values)
     os.replace(part, path)
@@ -93,7 +92,7 @@ def main() -> None:
     args = parser.parse_args()
     (old, first), (notes, second) = read(args.first), read(args.second)
     kept, lent = (args.first, args.second) if args.only else (args.second, args.first)
-    # The mean has the settings of one; a prior that it does not use, `lsdc calibrate` learns anew.
+    # The mean has the settings of one file; `lsdc calibrate` learns a new prior.
     ours, others = (first, second) if args.only else (second, first)
     for name in [n for n in others if n.startswith(PRIOR) and n not in ours]:
         print(f"left out: {name} of {lent}, which {kept} does not have; calibrate the mean")

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# A program outside the workspace that depends on lsdc-core by path: what it inherits, how long a cold build
-# takes, and whether ten lines complete the room.
+# Builds a program outside the workspace that depends on lsdc-core by path: checks its dependencies, times a cold build, and
+# checks that ten lines complete the room.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 work=$(mktemp -d)

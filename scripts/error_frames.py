@@ -6,8 +6,8 @@
         --set 'data.folder={ rgb = "{set}/{frame}.jpg", depth = "{set}/{frame}_depth.png" }'
 
 NYU has train/SCENE/FRAME.jpg, MORE has SET/FRAME.jpg, both with FRAME_depth.png in millimetres. SCANS has FRAME.jpg and
-FRAME_points.npz of a laser scanner (u, v in pixels, depth in metres). Taken are 14 of the training frames of NYU, nine of each set
-but those whose names begin with `nyu`, and every fourth of the first 40 scans. Returns beyond 1.1 x the nearest of 7x11 pixels
+FRAME_points.npz of a laser scanner (u, v in pixels, depth in metres). Uses 14 of the training frames of NYU, nine of each set
+whose name does not begin with `nyu`, and every fourth of the first 40 scans. Returns beyond 1.1 x the nearest of 7x11 pixels
 + 0.3 m are left out: they may be seen past a nearer surface. Needs numpy, scipy and Pillow.
 """
 
@@ -18,12 +18,12 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import minimum_filter
 
-# Photographs of several places, three neighbours of which count as a scene: other sets are one each.
+# Sets of photographs from several places, in which three neighbours count as a scene; each other set is one scene.
 MIXED = {"rgbdd", "misc"}
 
 
 def link(image: Path, folder: Path) -> None:
-    """Links an image, and its depths if they are beside it."""
+    """Links an image, and its depths if they exist."""
     folder.mkdir(parents=True, exist_ok=True)
     for source in [image, image.with_name(f"{image.stem}_depth.png")]:
         target = folder / source.name
@@ -32,18 +32,18 @@ def link(image: Path, folder: Path) -> None:
 
 
 def spread(images: list[Path], count: int) -> list[Path]:
-    """At most `count` images at even distances."""
+    """Returns at most `count` evenly spaced images."""
     count = min(count, len(images))
     return [images[i * len(images) // count] for i in range(count)]
 
 
 def depths(scan: Path, size: tuple[int, int]) -> Image.Image:
-    """The returns of a scan that nothing nearer hides, as a depth map in millimetres."""
+    """Returns the returns of a scan that are not occluded, as a depth map in millimetres."""
     points, (width, height) = np.load(scan), size
     u, v = (np.round(points[name]).astype(int) for name in "uv")
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     u, v, depth = u[inside], v[inside], points["depth"][inside]
-    # The nearest of a pixel comes last, and stays.
+    # The nearest return of a pixel is written last.
     order = np.argsort(-depth)
     found = np.zeros((height, width), np.float32)
     found[v[order], u[order]] = depth[order]

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""What `lsdc complete --temporal` does to videos of few points: error and flicker with and without.
+"""Measures error and flicker of videos with few points, with and without `lsdc complete --temporal`.
 
-Exports frames of a dataset and makes two kinds of video of them: `still`, each frame again and again
-with grain on the image, and `moving`, the frames in their order. Each image has its own points.
-Flicker is the standard deviation of a pixel over a still video, in metres, averaged.
+Exports frames of a dataset and makes two kinds of video: `still`, each frame repeated with grain on the image, and
+`moving`, the frames in order. Each image has its own points. Flicker is the standard deviation of a pixel over a still
+video, in metres, averaged.
 
     pip install numpy opencv-python-headless
     python3 scripts/flicker.py --dataset nyu --root DIR [--program PROGRAM] [--points 5,20,50,200]
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
-# Images of a still video, and how strong their grain is, in levels of 255.
+# Number of images of a still video, and the strength of their grain, in levels of 255.
 LENGTH, GRAIN = 10, 3.0
 
 

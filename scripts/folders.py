@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""How folders of frames are completed: speed beside single frames, memory, and what kill -9 leaves.
+"""Completion of folders of frames: speed compared with single frames, memory, and the state after kill -9.
 
-Makes frames of 640x480 of the room in `assets/`, completes them in one call, watches the memory, and
-compares the time of a frame with that of `lsdc bench`, measured before and after. Then starts again
-and kills the program at random moments, looks at every file, and lets a last run finish.
+Makes 640x480 frames from the room in `assets/`, completes them in one call, measures the memory, and compares the time
+per frame with `lsdc bench`, measured before and after. Then starts again, kills the program at random times, checks every
+file, and lets a last run finish.
 
     pip install numpy opencv-python-headless
     python3 scripts/folders.py [PROGRAM] [--frames 1000] [--kills 20] [--seed 0]
@@ -24,7 +24,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 ROOM = ROOT / "assets/room"
 WIDTH, HEIGHT, POINTS = 640, 480, 500
-# Different images among the frames.
+# Number of different images among the frames.
 VIEWS = 20
 
 
@@ -52,7 +52,7 @@ def make(folder: Path, frames: int) -> None:
 
 
 def resident(pid: int) -> float:
-    """Megabytes."""
+    """Resident memory in megabytes."""
     try:
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     except OSError:
@@ -61,7 +61,7 @@ def resident(pid: int) -> float:
 
 
 def single(program: str) -> float:
-    """Seconds of a frame that is in memory."""
+    """Seconds per frame that is already in memory."""
     size = f"{WIDTH}x{HEIGHT}"
     args = [program, "bench", "--size", size, "--points", str(POINTS), "--runs", "31", "--json"]
     return json.loads(subprocess.check_output(args))["total_ms"] / 1e3

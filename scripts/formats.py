@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
-"""Files of other programs read by lsdc, and its files read by them.
+"""Exchange of files with other programs, in both directions.
 
-Writes the points of the room in `assets/` in every form with NumPy, tifffile, OpenEXR, OpenCV,
-netpbmfile, h5py, plyfile, pypcd4, laspy, Open3D and pycolmap, completes each, and compares the results with that of the npy
-map; then reads every form of the result back. Clouds lie in the world of a camera whose lens bends,
-as OpenCV says.
+Writes the points of the room in `assets/` in every format with NumPy, tifffile, OpenEXR, OpenCV, netpbmfile, h5py,
+plyfile, pypcd4, laspy, Open3D and pycolmap, completes each, and compares the results with that of the npy map; then reads
+the result back in every format. Clouds are in the world of a camera with OpenCV's lens distortion.
 
     pip install numpy tifffile OpenEXR netpbmfile h5py opencv-python-headless plyfile pypcd4 'laspy[lazrs]' pycolmap open3d
     python3 scripts/formats.py [PROGRAM]
@@ -37,7 +36,7 @@ def exr(path: Path, name: str, values: np.ndarray) -> None:
 
 
 def inputs(folder: Path, sparse: np.ndarray) -> dict[str, float]:
-    """Writes the points in every form; says how far results may be off, in metres."""
+    """Writes the points in every format; returns the tolerance of results in metres."""
     v, u = np.nonzero(sparse)
     points = np.column_stack([u, v, sparse[v, u]])
     millimetres = np.round(sparse * 1000).astype(np.uint16)
@@ -77,7 +76,7 @@ def run(program: str, *args: object) -> None:
 
 
 def model(folder: Path, sparse: np.ndarray) -> None:
-    """The points as seen by one camera, and by a second beside it, as COLMAP keeps them."""
+    """Writes the points as a COLMAP model, seen by one camera and by a second beside it."""
     height, width = sparse.shape
     camera = pycolmap.Camera(model="OPENCV", width=width, height=height,
                              params=[300.0, 300.0, width / 2, height / 2, 0.0, 0.0, 0.0, 0.0], camera_id=1)
@@ -107,7 +106,7 @@ LENSES = {
     "radtan": [0.08, -0.05, 0.001, -0.002, 0.01],
     "fisheye": [0.02, -0.01, 0.004, -0.001],
 }
-# The camera stands far from the origin, as in maps, and looks along the world's x.
+# The camera is far from the origin, as in maps, and looks along the world's x axis.
 TO_WORLD = np.array([[0.0, 0.0, 1.0, 4512.0], [-1.0, 0.0, 0.0, -218.0], [0.0, -1.0, 0.0, 37.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -130,7 +129,7 @@ def unproject(u: np.ndarray, v: np.ndarray, depth: np.ndarray, model: str) -> np
 
 
 def clouds(folder: Path, places: np.ndarray) -> dict[str, float]:
-    """Writes places in space in every form; says how far depths may be off, in metres."""
+    """Writes positions in space in every format; returns the tolerance of depths in metres."""
     vertices = np.array([tuple(p) for p in places], dtype=[("x", "f8"), ("y", "f8"), ("z", "f8")])
     faces = np.array([([0, 1, 2],)], dtype=[("vertex_indices", "i4", (3,))])
     for name, text, order in (("text", True, "="), ("little", False, "<"), ("big", False, ">")):
@@ -149,7 +148,7 @@ def clouds(folder: Path, places: np.ndarray) -> dict[str, float]:
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(places))
     for name, options in (("open3d.ply", {}), ("open3d.pcd", {"compressed": True})):
         open3d.io.write_point_cloud(str(folder / name), cloud, **options)
-    # Steps of scans, and of float32 kilometres from the origin.
+    # Resolution of scans, and of float32 kilometres from the origin.
     coarse = {"old.las", "new.las", "new.laz", "open3d.pcd"}
     return {path.name: 1e-4 if path.name in coarse else 1e-5 for path in sorted(folder.iterdir())}
 
@@ -173,7 +172,7 @@ def check_clouds(program: str, at: Path, sparse: np.ndarray) -> None:
         run(program, ROOM / "rgb.png", ROOM / "sparse.npy", "-o", at / f"{lens}-map.npy")
         rel = np.abs(expected / np.load(at / f"{lens}-map.npy") - 1).mean()
         print(f"| all of {lens}, to the map | REL {rel:.4f} |")
-        # Hidden points alone are missing.
+        # Only hidden points are missing.
         assert rel < 0.01
 
     print("\n| cloud written by lsdc | largest difference to npy (m; pixels) |\n|---|---|")

@@ -1,17 +1,16 @@
 #!/usr/bin/env python3
-"""Weights on datasets that they have not seen: the shipped method beside untrained ones.
+"""Evaluates weights on datasets that were not used for training, compared with untrained methods.
 
-Takes folders of FRAME.jpg (or .png) and 16-bit FRAME_depth.png, each with the metres of a stored
-unit after a colon where these are not millimetres, or of scans (FRAME_points.npz, docs/evaluation.md;
-protocol `scans-filtered`). Prints the scores of all methods on every set with the ratio of `lsdc` to the
-best of the others, and the geometric means over sets of its ratios to each. Reports in the output folder
-are used again if they were made by the same command.
+Takes folders of FRAME.jpg (or .png) and 16-bit FRAME_depth.png, followed by a colon and the metres per stored unit
+unless these are millimetres, or of scans (FRAME_points.npz, docs/evaluation.md; protocol `scans-filtered`). Prints the
+scores of all methods on every set with the ratio of `lsdc` to the best other method, and the geometric means over sets of
+its ratios to each. Reports in the output folder are reused if they were made by the same command.
 
     python3 scripts/generalise.py -o results redwood tum_desk kitti:0.00390625
     python3 scripts/generalise.py -o results --points grid:16 --set fit.joint.surface=false DIR
     python3 scripts/generalise.py -o results --hold-out ring:4 scans/*
 
-Needs Python 3.10 and nothing else.
+Needs only Python 3.10.
 """
 
 import argparse
@@ -24,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 SCORES = ["rmse", "mae", "rel"]
 BASELINES = ["linear", "linear-inverse", "wls"]
-# Other fits of the same weights.
+# Other fits with the same weights.
 FITS = {"field": ["--fit", "field"], "without a surface": ["--set", "fit.joint.surface=false"]}
 OTHERS = [*BASELINES, *FITS]
 
@@ -33,7 +32,7 @@ def evaluate(args: argparse.Namespace, folder: Path, scale: str, fit: str) -> li
     if any(folder.glob("*_points.npz")):
         data = ["--dataset", "scans", "--root", folder, "--protocol", "scans-filtered"]
     else:
-        # The colour files of a set have one ending.
+        # All colour files of a set have the same ending.
         ending = "jpg" if any(folder.glob("*.jpg")) else "png"
         data = ["--dataset", "folder", "--root", folder,
                 "--set", f'data.folder.rgb="{{frame}}.{ending}"',
@@ -50,7 +49,7 @@ def evaluate(args: argparse.Namespace, folder: Path, scale: str, fit: str) -> li
 
 
 def measure(args: argparse.Namespace, folder: Path, scale: str) -> tuple[int, dict[str, dict[str, float]]]:
-    """The number of frames, and the mean of every score by method."""
+    """Returns the number of frames, and the mean of every score by method."""
     frames = evaluate(args, folder, scale, "lsdc")
     mean = lambda frames, method: {
         score: sum(f["scores"][method][score] for f in frames) / len(frames) for score in SCORES}

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes tests/golden: what other libraries answer where lsdc must agree with them.
+"""Makes tests/golden: results of other libraries with which lsdc must agree.
 
 Needs numpy, scipy, scikit-learn, Pillow and opencv-python-headless:
 
@@ -7,7 +7,7 @@ Needs numpy, scipy, scikit-learn, Pillow and opencv-python-headless:
     target/golden/bin/pip install numpy scipy scikit-learn pillow opencv-python-headless
     target/golden/bin/python scripts/golden.py
 
-Nothing here shares code with lsdc: the definitions are written down again.
+The script shares no code with lsdc: definitions are implemented again.
 """
 
 import json
@@ -27,7 +27,7 @@ OUT = Path(__file__).resolve().parent.parent / "tests" / "golden"
 
 
 def plain(values) -> list:
-    """Numbers as they come back from JSON: float32 survives nine digits."""
+    """Returns numbers as read back from JSON: float32 is exact with nine digits."""
     values = np.asarray(values)
     if values.dtype.kind == "f":
         return [float(f"{v:.9g}") for v in values.ravel()]
@@ -35,7 +35,7 @@ def plain(values) -> list:
 
 
 def picture(height: int, width: int, rng) -> np.ndarray:
-    """A colour image with edges, ramps and noise."""
+    """Returns a colour image with edges, ramps and noise."""
     y, x = np.mgrid[:height, :width]
     image = np.stack([x * 5 + 20, y * 6 + 10, (x + y) * 3], axis=-1).astype(float)
     image[height // 4 : height // 2, width // 3 : 2 * width // 3] = (230, 40, 90)
@@ -69,7 +69,7 @@ def resize() -> dict:
 
 
 def soft_edge_error(p, d, window: int, jump: float) -> float:
-    """Chen et al. 2019, by shifted copies of padded arrays."""
+    """Chen et al. 2019, with shifted copies of padded arrays."""
     valid = d > 0
     edge = np.zeros_like(valid)
     for axis in (0, 1):
@@ -187,7 +187,7 @@ def colorisation(rgb, sparse) -> np.ndarray:
 
 
 def ip_basic(sparse) -> np.ndarray:
-    """Ku et al. 2018 in their order, with OpenCV's morphology."""
+    """Ku et al. 2018, with their order of steps and OpenCV's morphology."""
     diamond = np.array([[abs(i) + abs(j) <= 2 for i in range(-2, 3)] for j in range(-2, 3)], np.uint8)
     full = lambda n: np.ones((n, n), np.uint8)
     depth = np.where(sparse > 0, 100 - sparse, 0).astype(np.float32)
@@ -238,7 +238,7 @@ def classic() -> dict:
         "ip-basic": ip_basic(sparse),
     }
     distances = scipy.ndimage.distance_transform_edt(sparse == 0)
-    # Corners: a larger image, so that there are many.
+    # Corners: a larger image, which has many.
     large = picture(90, 120, rng)
     grey = cv2.cvtColor(large, cv2.COLOR_RGB2GRAY)
     corners = cv2.goodFeaturesToTrack(grey, 40, 1e-9, 0, blockSize=3).reshape(-1, 2)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes tests/golden/backbone.json: what PyTorch answers where the first stages of EfficientNet-Lite0 must agree with it.
+"""Makes tests/golden/backbone.json: PyTorch's results for the first stages of EfficientNet-Lite0.
 
 Needs torch:
 
@@ -7,8 +7,8 @@ Needs torch:
     target/golden/bin/pip install torch
     target/golden/bin/python scripts/golden_backbone.py
 
-Weights, by the published names, and the image are chirps, which the test computes too; only answers are stored. The
-published network cuts off above 6 too; here and in lsdc it does not.
+Weights, with the published names, and the image are chirps, which the test computes as well; only results are stored. The
+published network also clamps activations at 6; this script and lsdc do not.
 """
 
 import json
@@ -53,7 +53,7 @@ def main() -> None:
         y = layer(y, outputs, 1, relu=False)
         x = x + y if stride == 1 and inputs == outputs else y
         if i in READ:
-            # As [height, width, channels].
+            # In the order [height, width, channels].
             values = x[0].permute(1, 2, 0).flatten()[::STEP]
             answers.append({"shape": list(x.shape), "values": [round(v, 7) for v in values.tolist()]})
     OUT.write_text(json.dumps(answers) + "\n")

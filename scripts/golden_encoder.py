@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Makes crates/core/src/network/encoder/golden.json, what `transformers` and PyTorch answer where the encoder must
-agree with them, depth_head.json beside it, the same of the depth head, and tests/golden/encoder.*: the same tiny
-network in half precision, as PyTorch saves it with the names of Depth Anything, and as `transformers` saves it.
+"""Makes crates/core/src/network/encoder/golden.json, results of `transformers` and PyTorch with which the encoder must
+agree; depth_head.json beside it, results of the depth head; and tests/golden/encoder.*, the same tiny network in half
+precision, as saved by PyTorch with the names of Depth Anything, and as saved by `transformers`.
 
 Needs torch and transformers 5 (names of layers change with it):
 
@@ -9,7 +9,7 @@ Needs torch and transformers 5 (names of layers change with it):
     target/golden/bin/pip install torch transformers
     target/golden/bin/python scripts/golden_encoder.py
 
-The weights of the tiny network are sines, which the test computes too; only answers are stored.
+The weights of the tiny network are sines, which the test computes as well; only results are stored.
 """
 
 import json
@@ -35,7 +35,7 @@ def sines(index: int, shape, scale: float, offset: float = 0.0) -> torch.Tensor:
 
 
 def weights() -> dict[str, torch.Tensor]:
-    """By DINOv2's names, in their order here."""
+    """Weights of the tiny encoder, with DINOv2's names, in a fixed order."""
     shapes = {
         "cls_token": ((1, 1, WIDTH), 0.5, 0.0),
         "pos_embed": ((1, 1 + SIDE**2, WIDTH), 0.5, 0.0),
@@ -92,7 +92,7 @@ def model(tensors: dict[str, torch.Tensor]) -> Dinov2Model:
 
 
 def head_weights() -> dict[str, torch.Tensor]:
-    """Of the tiny depth head, by its published names, in their order here."""
+    """Weights of the tiny depth head, with the published names, in a fixed order."""
     half = FUSED // 2
     shapes = {}
     for i, own in enumerate(HEAD):
@@ -116,10 +116,10 @@ def head_weights() -> dict[str, torch.Tensor]:
     made = {}
     for i, (name, shape) in enumerate(shapes.items()):
         if len(shape) > 1:
-            # Large enough for numbers to keep their size.
+            # Large enough to preserve the scale of values.
             made[name] = sines(200 + i, shape, 2.0 / torch.Size(shape[1:]).numel() ** 0.5)
         else:
-            # The last is large enough for most depths to be above 0.
+            # The last bias is large enough to make most depths positive.
             made[name] = sines(200 + i, shape, 0.2, 2.0 if i + 1 == len(shapes) else 0.1)
     return made
 
@@ -141,7 +141,7 @@ def head_model(tensors: dict[str, torch.Tensor]) -> DepthAnythingForDepthEstimat
         elif part.startswith("layer"):
             to, rest = ["neck.convs", str(int(part[-1]) - 1)], [number]
         elif part.startswith("refinenet"):
-            # Theirs begin with the coarsest.
+            # The layers of `transformers` begin with the coarsest.
             to = ["neck.fusion_stage.layers", str(4 - int(part[-1]))]
             to.append("projection" if number == "out_conv" else f"residual_layer{number[-1]}")
             rest = [of.replace("conv", "convolution") for of in rest]
@@ -178,12 +178,12 @@ def main() -> None:
     image = sines(100, (SIDE * PATCH, SIDE * PATCH, 3), 1.5)
     with torch.no_grad():
         answer = net(image.permute(2, 0, 1)[None], output_hidden_states=True)
-        # The first of the hidden states is what enters the first block.
+        # The first hidden state is the input of the first block.
         taps = [net.layernorm(answer.hidden_states[tap + 1])[0, 1:] for tap in TAPS]
     table = tensors["pos_embed"][:, 1:].reshape(1, SIDE, SIDE, WIDTH).permute(0, 3, 1, 2)
     positions = []
     for rows, columns in [(4, 4), (3, 5), (7, 2), (1, 9)]:
-        # As DINOv2's code does it.
+        # As in DINOv2's code.
         scale = ((rows + 0.1) / SIDE, (columns + 0.1) / SIDE)
         grid = torch.nn.functional.interpolate(table, scale_factor=scale, mode="bicubic")
         assert grid.shape[2:] == (rows, columns)

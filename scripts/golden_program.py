@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Compares a program for any platform with the golden depths: 12 rooms by the weights `default` and `small`.
+"""Compares a program for any platform with the golden depths: 12 rooms with the weights `default` and `small`.
 
     cargo run --release --example golden -- FOLDER      # writes the rooms, on any machine
     python3 scripts/golden_program.py FOLDER [COMMAND...]
 
 COMMAND runs the program [default: lsdc], for example `wine lsdc.exe` or `qemu-aarch64-static lsdc`. Prints the largest
-differences of depths and standard deviations as shares of the range of depths, and fails above 2e-5 (LSDC_TOLERANCE). Needs no
-NumPy.
+differences of depths and standard deviations relative to the range of depths, and fails above 2e-5 (LSDC_TOLERANCE). Does
+not need NumPy.
 """
 
 import json
@@ -22,12 +22,12 @@ from pathlib import Path
 
 GOLDEN = Path(__file__).resolve().parents[1] / "crates/weights/golden/depths.safetensors"
 TOLERANCE = float(os.environ.get("LSDC_TOLERANCE", "2e-5"))
-# Columns and rows at which results are kept (tests/golden_rooms).
+# Columns and rows of the stored results (tests/golden_rooms).
 GRID = (24, 18)
 
 
 def golden() -> dict[str, array]:
-    """The values of the golden file by name."""
+    """Returns the values of the golden file by name."""
     data = GOLDEN.read_bytes()
     start = 8 + struct.unpack("<Q", data[:8])[0]
     header = json.loads(data[8:start])
@@ -45,7 +45,7 @@ def png(width: int, height: int, rgb: bytes) -> bytes:
 
 
 def room(rooms: Path, name: str, folder: Path) -> tuple[int, int, float]:
-    """Writes image and points of a room for the program; its width, height and range of depths."""
+    """Writes image and points of a room for the program; returns its width, height and range of depths."""
     width, height, scale, *numbers = array("d", (rooms / f"{name}.points").read_bytes())
     (folder / f"{name}.png").write_bytes(png(int(width), int(height), (rooms / f"{name}.rgb").read_bytes()))
     points = [numbers[i : i + 4] for i in range(0, len(numbers), 4)]
@@ -57,7 +57,7 @@ def room(rooms: Path, name: str, folder: Path) -> tuple[int, int, float]:
 
 
 def on_grid(path: Path, width: int, height: int) -> list[float]:
-    """The values of an .npy map at the places of the golden file."""
+    """Returns the values of an .npy map at the pixels of the golden file."""
     values = array("f", path.read_bytes()[-4 * width * height :])
     columns, rows = ([(2 * i + 1) * size // (2 * of) for i in range(of)] for of, size in zip(GRID, (width, height)))
     return [values[y * width + x] for y in rows for x in columns]

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Makes tests/golden/resnet18.pth, a tiny encoder, and tests/golden/systems.json: what PyTorch and torchvision answer
-where the systems that the paper compares itself with must agree with them, at tiny widths, and the numbers of parameters at the published ones.
+"""Makes tests/golden/resnet18.pth, a tiny encoder, and tests/golden/systems.json: results of PyTorch and torchvision for the
+systems of the paper's comparison at tiny widths, and the numbers of parameters at the published widths.
 
 Needs torch and torchvision:
 
@@ -8,7 +8,7 @@ Needs torch and torchvision:
     target/golden/bin/pip install torch torchvision
     target/golden/bin/python scripts/golden_systems.py
 
-Weights and inputs are chirps, which the test computes too; only answers are stored.
+Weights and inputs are chirps, which the test computes as well; only results are stored.
 """
 
 import json
@@ -32,8 +32,8 @@ STEP = 23
 # The last gain of a residual block of three convolutions.
 LAST = r"layer\d\.\d\.convs\.2\.norm\.Batch\.gain$"
 
-# Each with a way of filling its tensors, in which no unit is so close to where it is cut off that rounding decides:
-# after a change, one with a large clearance, as printed.
+# Each system with a seed for its tensors, for which no unit is so close to its threshold that rounding decides.
+# After a change, choose a seed with a large clearance, which is printed.
 CASES = [
     ("S2d", {"method": "s2d", "encoder": "resnet18", "decoder": "upproj", "width": 8}, 26),
     ("S2d", {"method": "s2d", "encoder": "resnet50", "decoder": "deconv3", "width": 4}, 71),
@@ -55,7 +55,7 @@ def build(kind: str, config: dict):
 
 
 def fill(net, kind: str, way: int):
-    """Sets all tensors, in one of many ways; their names, shapes in lsdc, scales and offsets in order."""
+    """Sets all tensors from a seed; returns their names, shapes in lsdc, scales and offsets in order."""
     tensors = named(net, kind)
     listed = []
     for index, name in enumerate(sorted(tensors)):
@@ -68,12 +68,12 @@ def fill(net, kind: str, way: int):
         if tensor.dim() == 4:
             scale = (4 / (shape[1] * shape[2] * shape[3])) ** 0.5
         elif re.search(LAST, name):
-            # Tame: with the statistics of few values, blocks behind each other amplify rounding.
+            # Small: with statistics of few values, consecutive blocks amplify rounding errors.
             scale, offset = 0.05, 0.2
         elif name.endswith(("gain", "running_variance")):
             scale, offset = 0.3, 1.0
         values = offset + scale * chirp(index + 1000 * way, tensor.numel())
-        # As numbers of lsdc.
+        # In the layout of lsdc.
         values = values.float().double().reshape(shape)
         if turned:
             values = values.flip(2, 3).transpose(0, 1)
@@ -95,7 +95,7 @@ def inputs():
 
 
 def clearance(kind: str, config: dict, way: int) -> float:
-    """How far the unit nearest to 0 is from it in training, in root mean squares of its layer."""
+    """Returns the distance from 0 of the nearest unit in training, in root mean squares of its layer."""
     net = build(kind, config).double()
     fill(net, kind, way)
     least = []
@@ -163,7 +163,7 @@ def counts() -> list:
 
 
 def encoder() -> None:
-    """A tiny ResNet-18 as torchvision saves it, classifier and counters included; float16, which is as long."""
+    """Saves a tiny ResNet-18 as torchvision does, including classifier and counters, in float16."""
     net = ResNet("resnet18", 3, 2)
     net.fc = nn.Linear(16, 5)
     state = net.state_dict()

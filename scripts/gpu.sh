@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Tests and figures of a machine with a GPU on which nothing is built.
+# Tests and benchmarks on a machine with a GPU that cannot build.
 #
-#   bash scripts/gpu.sh pack DIR     builds, and copies all that the other machine needs to DIR
-#   bash DIR/gpu.sh run OUT          there: at most 8 minutes; writes logs and figures to OUT
+#   bash scripts/gpu.sh pack DIR     builds, and copies everything that the other machine needs to DIR
+#   bash DIR/gpu.sh run OUT          on the other machine: at most 8 minutes; writes logs and results to OUT
 #
-# The machine needs glibc of at least the version here, and a Vulkan driver. With the encoder of `anything` in the folder
-# LSDC_WEIGHTS (`lsdc weights get`), figures of these weights are among them.
+# The other machine needs at least the glibc version of this one, and a Vulkan driver. With the encoder of `anything` in the
+# folder LSDC_WEIGHTS (`lsdc weights get`), these weights are measured as well.
 set -euo pipefail
 
 pack() {
@@ -19,14 +19,14 @@ pack() {
   if [[ -n "${LSDC_WEIGHTS:-}" ]]; then
     cp -r "$LSDC_WEIGHTS" "$target/weights"
   fi
-  # Both packages have a test `gpu`; Cargo lists the programs that it built.
+  # Both packages have a test `gpu`; Cargo lists the built programs.
   log="$(cargo test "${cargo[@]}" --test gpu --no-run 2>&1 | tee /dev/stderr)"
   sed -nE 's#.*Executable .*\(([^)]*/gpu-[0-9a-f]+)\)#\1#p' <<<"$log" | while read -r program; do
     cp "$program" "$target/test-$(basename "$program")"
   done
 }
 
-# A step with a limit in seconds; the others run even if it fails.
+# Runs a step with a limit in seconds; later steps run even if it fails.
 step() {
   local name="$1" limit="$2"
   shift 2
@@ -41,7 +41,7 @@ run() {
   mkdir -p "$out"
   export LSDC_REQUIRE_GPU=1
   step device 20 nvidia-smi
-  # Figures first: the tests of training compile many kernels.
+  # Benchmarks first: the tests of training compile many kernels.
   for size in 304x228 640x480; do
     step "bench-$size" 40 "$here/lsdc" bench --device wgpu --size $size --runs 100 --json
     step "cpu-$size" 40 "$here/lsdc" bench --size $size --runs 50 --json
@@ -54,7 +54,7 @@ run() {
     step bench-anything-counts 40 "$here/lsdc" bench --device wgpu --weights anything --size 448x336 --runs 20
     step cpu-anything 60 "$here/lsdc" bench --weights anything --size 448x336 --runs 20 --json
   fi
-  # How busy the GPU is, once a second.
+  # Utilisation of the GPU, once per second.
   nvidia-smi dmon -s put -c 20 >"$out/utilisation.txt" 2>&1 &
   step utilisation-bench 40 "$here/lsdc" bench --device wgpu --size 304x228 --runs 500 --json
   wait

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Checks what `lsdc complete` fills into the holes of depth camera maps.
+"""Checks how `lsdc complete` fills the holes of depth camera maps.
 
 Reads lists of frames: CSV files with columns `set`, `rgb`, `depth` and `depth_scale_m`, whose paths are relative to the
-list. Uses frames of whose depth at least 20 % is measured, at most `--per-set` of each set, spread over the set.
+list. Uses frames with at least 20 % of their depth measured, at most `--per-set` of each set, spread over the set.
 
     python3 scripts/holes.py FRAMES.csv [MORE.csv] --per-set 3 [--program target/release/lsdc] [-- OPTIONS]
 
@@ -15,8 +15,9 @@ Two tests for each frame:
 - eight rectangles of 15 to 70 pixels cut out of the map, where the truth is known: RMSE, and the share of pixels with
   an error above 25 %.
 
-With `--given 0.1 0.5 5000`, instead, so many of the measured pixels are given (below 1: a share), drawn at random, and the others
-are the truth: the geometric mean of the frames' RMSE, and the mean share of errors within one and two standard deviations.
+With `--given 0.1 0.5 5000`, instead, these numbers (below 1: shares) of measured pixels are drawn at random and given, and
+the others are the truth. Prints the geometric mean of the frames' RMSE, and the mean share of errors within one and two
+standard deviations.
 
 Needs numpy, scipy and Pillow.
 """
@@ -39,7 +40,7 @@ LEAST, MOST = 0.8, 1.25
 
 
 def frames(lists: list[Path], per_set: int) -> list[tuple[str, Path, Path, float]]:
-    """Set, image, depth map and metres of a stored unit of some frames of every set."""
+    """Returns set, image, depth map and metres per stored unit of some frames of every set."""
     sets: dict[str, list] = {}
     for path in lists:
         for row in csv.DictReader(path.open()):
@@ -56,7 +57,7 @@ def frames(lists: list[Path], per_set: int) -> list[tuple[str, Path, Path, float
 
 
 def complete(program: str, rgb: Path, depth: np.ndarray, options: list[str]) -> list[np.ndarray]:
-    """The maps that are written: that of depths, and with `--uncertainty` that of standard deviations."""
+    """Returns the written depth map, and with `--uncertainty` the map of standard deviations."""
     with tempfile.TemporaryDirectory() as folder:
         sparse, out = Path(folder) / "sparse.npy", Path(folder) / "out"
         np.save(sparse, depth.astype(np.float32))
@@ -66,7 +67,7 @@ def complete(program: str, rgb: Path, depth: np.ndarray, options: list[str]) -> 
 
 
 def enclosed(depth: np.ndarray, filled: np.ndarray) -> tuple[int, int, int, float]:
-    """Pixels of enclosed holes, those outside their range, those at a bound, and the worst factor outside."""
+    """Counts pixels of enclosed holes, outside the range and at a bound; returns the largest factor outside as well."""
     measured = depth > 0
     labels, _ = ndimage.label(~measured, np.ones((3, 3)))
     rim = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
@@ -91,7 +92,7 @@ def enclosed(depth: np.ndarray, filled: np.ndarray) -> tuple[int, int, int, floa
 
 
 def cut(depth: np.ndarray, seed: int) -> np.ndarray:
-    """Eight rectangles of pixels with known depth."""
+    """Returns eight rectangles of pixels with known depth."""
     rng = np.random.default_rng(seed)
     height, width = depth.shape
     holes = np.zeros(depth.shape, bool)
@@ -103,7 +104,7 @@ def cut(depth: np.ndarray, seed: int) -> np.ndarray:
 
 
 def held_out(program: str, rgb: Path, depth: np.ndarray, given: float, options: list[str]) -> list[float]:
-    """RMSE at the measured pixels that are not given, and the shares of errors within one and two deviations."""
+    """Returns the RMSE at measured pixels that are not given, and the shares of errors within one and two deviations."""
     share = given if given < 1 else given / (depth > 0).sum()
     kept = np.random.default_rng(7).random(depth.shape) < share
     filled, deviation = complete(program, rgb, np.where(kept, depth, 0), ["--uncertainty", *options])

@@ -21,7 +21,7 @@ static const char *const names[KINDS] = {
     "f32 fused multiply-add", "other f32 vector arithmetic", "f64 fused multiply-add", "other f64 vector arithmetic",
     "scalar float",           "vector loads and stores",     "other vector",           "integer, scalar, branches"};
 
-/* A block of instructions, and how often it was run. */
+/* A block of instructions, and its number of executions. */
 struct block {
     struct block *next;
     uint64_t runs;
@@ -29,7 +29,7 @@ struct block {
 };
 static struct block *blocks;
 
-/* Of a disassembled instruction such as "fmla v0.4s, v1.4s, v2.s[0]". */
+/* Returns the kind of a disassembled instruction such as "fmla v0.4s, v1.4s, v2.s[0]". */
 static enum kind kind_of(const char *text) {
     char name[16] = "", rest[64] = "";
     sscanf(text, "%15s %63[^\n]", name, rest);
@@ -58,7 +58,7 @@ static void translated(qemu_plugin_id_t id, struct qemu_plugin_tb *tb) {
     }
     block->next = blocks;
     blocks = block;
-    /* 0 adds to a number without a call; exact for a program of one thread. */
+    /* 0: adds to a counter without a call; exact for a single-threaded program. */
     qemu_plugin_register_vcpu_tb_exec_inline(tb, 0, &block->runs, 1);
 }
 

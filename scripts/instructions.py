@@ -3,9 +3,9 @@
 
     python3 scripts/instructions.py [LEVEL...]      # [default: portable neon]
 
-Prints the table of docs/platforms.md: 10^9 instructions of the room, by the default weights, on one thread. Those of loading
-are excluded: the program also runs without completing the room. Needs what `.ci/arm` installs,
-gcc, and the package qemu-user, whose `qemu-aarch64` takes plugins (the static one does not).
+Prints the table of docs/platforms.md: 10^9 instructions for the room with the default weights on one thread. Instructions of
+loading are excluded by running the program without completing the room. Needs the packages installed by `.ci/arm`, gcc, and
+qemu-user, whose `qemu-aarch64` supports plugins (the static one does not).
 """
 
 import os
@@ -20,7 +20,7 @@ TIMES = (0, 1)
 
 
 def built() -> Path:
-    """The example that is counted, in the build folder of `.ci/arm`."""
+    """Builds the example in the build folder of `.ci/arm`."""
     folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "arm"
     linker = {"CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER": "aarch64-linux-gnu-gcc", "CARGO_TARGET_DIR": str(folder)}
     command = ["cargo", "build", "--release", "-q", "--locked", "--target", TARGET, "-p", "lsdc-core", "--example", "repeat"]
@@ -29,7 +29,7 @@ def built() -> Path:
 
 
 def counted(program: Path, plugin: Path, level: str, times: int) -> dict[str, int]:
-    """Instructions by kind of a run."""
+    """Counts the instructions of a run by kind."""
     env = os.environ | {"LSDC_SIMD": level}
     if not Path("/lib/ld-linux-aarch64.so.1").exists():
         env["QEMU_LD_PREFIX"] = "/usr/aarch64-linux-gnu"

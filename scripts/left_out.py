@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares the error at points left out, which `lsdc complete` prints, with the true error.
 
-Needs numpy. Takes frames that `lsdc export -o FRAMES` wrote:
+Needs numpy. Takes frames written by `lsdc export -o FRAMES`:
 
     python3 scripts/left_out.py FRAMES [PROGRAM]
 """

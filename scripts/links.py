@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Checks the links between the documents of the repository: the files and the headings that they lead to exist.
+"""Checks that the files and headings to which the repository's documents link exist.
 
     python3 scripts/links.py
 
-Prints every link that leads nowhere, and then exits with 1. Links to other sites are not followed.
+Prints every broken link, and then exits with 1. Links to other sites are not followed.
 """
 
 import re
@@ -14,7 +14,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 ROOT = Path(__file__).resolve().parent.parent
-# Code is not read: what looks like a link there is none.
+# Code is skipped: text that looks like a link there is not one.
 CODE = re.compile(r"^(```|~~~).*?^\1|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?[^)]*\)|^\s*\[[^\]]+\]:\s*(\S+)", re.MULTILINE)
 HEADING = re.compile(r"^#{1,6}\s+(.*?)\s*#*\s*$", re.MULTILINE)
@@ -27,14 +27,14 @@ def prose(path: Path) -> str:
 
 @cache
 def anchors(path: Path) -> set[str]:
-    """The names that GitHub gives to the headings of a document."""
-    # The words of code in a heading count, unlike a block of code.
+    """Returns GitHub's anchors of the headings of a document."""
+    # Inline code in a heading is part of the anchor, unlike a code block.
     text = re.sub(r"^(```|~~~).*?^\1", "", path.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
     names: set[str] = set()
     for heading in HEADING.findall(text):
         words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
         name = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
-        # Headings of the same words are numbered from the second on.
+        # Repeated headings are numbered from the second on.
         number = 0
         while (unique := f"{name}-{number}" if number else name) in names:
             number += 1
@@ -43,13 +43,13 @@ def anchors(path: Path) -> set[str]:
 
 
 def links(document: Path) -> list[str]:
-    """What a document links to in this repository."""
+    """Returns the links of a document within this repository."""
     found = (inline or reference for inline, reference in LINK.findall(prose(document)))
     return [link for link in found if not OTHER_SITE.match(link)]
 
 
 def fault(document: Path, link: str) -> str | None:
-    """Why a link leads nowhere, if it does."""
+    """Returns the reason why a link is broken; None if it is not."""
     path, _, anchor = link.partition("#")
     target = (document.parent / unquote(path)).resolve() if path else document
     if not target.exists():

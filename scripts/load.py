@@ -3,9 +3,9 @@
 
     python3 scripts/load.py --program target/release/lsdc --seconds 60 --clients 8
 
-Clients ask without a pause, some for completions at once, some of scenes; clients that are refused with 429 wait a part
-of Retry-After. Prints one line of JSON: answers a second, times, refusals, wrong answers, memory of the service. With
---kill, the service is killed (SIGKILL) and started again in the middle: what is then answered must be right again.
+Clients send requests without a pause, some for direct completions, some for completions of scenes; clients that are refused
+with 429 wait for a part of Retry-After. Prints one line of JSON: answers per second, times, refusals, wrong answers, memory of
+the service. With --kill, the service is killed (SIGKILL) and restarted halfway; later answers must be correct.
 """
 
 import argparse
@@ -47,7 +47,7 @@ class Service:
         self.port = int(re.search(r":(\d+)\s*$", line).group(1))
 
     def memory(self, name: str) -> float:
-        """VmRSS or VmHWM in MiB; 0 where the system does not say, or the process has gone."""
+        """Returns VmRSS or VmHWM in MiB; 0 if the system does not provide it, or the process has ended."""
         try:
             text = Path(f"/proc/{self.process.pid}/status").read_text()
         except OSError:
@@ -66,7 +66,7 @@ class Service:
 
 
 async def ask(port: int, path: str, body: bytes, accept: str) -> tuple:
-    """Status, headers and body of an answer."""
+    """Returns status, headers and body of an answer."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     head = (
         f"POST {path} HTTP/1.1\r\nhost: 127.0.0.1:{port}\r\nconnection: close\r\naccept: {accept}\r\n"
@@ -124,7 +124,7 @@ async def client(service: Service, number: int, until: float, right: bytes, tall
 
 
 def expected(program: str) -> bytes:
-    """The file that the program itself writes."""
+    """Returns the file that the program writes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "depth.png"
         command = [program, "--quiet", "complete", ROOM / "rgb.png", ROOM / "sparse.npy", "-o", path]

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""How good the map of depth is that a network predicts from the image alone, at its best scale.
+"""Measures the error, at the best scale, of the depth map that a network predicts from the image alone.
 
-Reads frames of NYU Depth v2 as the protocol `nyu` does (half the size, a crop of 304x228), runs the network in ONNX
-Runtime (`scripts/peers/network.py`), and prints the mean relative error of its first function, scaled, for each frame, to
-minimise it, and the standard deviation of the logarithm of depth over map; means over frames.
+Reads frames of NYU Depth v2 like the protocol `nyu` (half size, a crop of 304x228), runs the network in ONNX Runtime
+(`scripts/peers/network.py`), and prints means over frames of the mean relative error of its first function, at the scale
+that minimises it for each frame, and of the standard deviation of log(depth / map).
 
     python3 scripts/map_error.py --root NYU_TREE --split val --every 4 WEIGHTS ...
 
@@ -32,13 +32,13 @@ def halved(values: np.ndarray) -> np.ndarray:
 
 
 def read(image: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Colours from 0 to 1 and depths in metres, 0 where unknown."""
+    """Returns colours from 0 to 1, and depths in metres, 0 if unknown."""
     with Image.open(image) as opened:
         small = opened.convert("RGB").resize((320, 240), Image.Resampling.BILINEAR)
     colours = np.asarray(small.crop((LEFT, TOP, LEFT + WIDTH, TOP + HEIGHT)), np.float64) / 255
     with Image.open(image.with_name(f"{image.stem}_depth.png")) as opened:
         depth = np.asarray(opened, np.float32) / 1000
-    # What is interpolated from a hole is unknown.
+    # Depths interpolated from holes are unknown.
     return colours, np.where(halved(depth == 0) > 0, 0, halved(depth))
 
 

@@ -3,9 +3,9 @@
 
     python3 scripts/overview.py IMAGE DEPTH OUT [--unit 0.001] [--points 500] [--program lsdc]
 
-IMAGE and DEPTH are a frame of a depth camera, of one size: a colour image, and a 16-bit PNG with 0 at pixels without
+IMAGE and DEPTH are a frame of a depth camera with the same size: a colour image, and a 16-bit PNG with 0 at pixels without
 depth. Points are drawn from the measured pixels with a fixed seed; the other measured pixels test the result. Needs numpy
-and Pillow. assets/overview.jpg is of a frame of TUM RGB-D, freiburg3_long_office_household.
+and Pillow. assets/overview.jpg shows a frame of TUM RGB-D, freiburg3_long_office_household.
 """
 
 import argparse
@@ -22,7 +22,7 @@ SEED = 0
 
 
 def turbo(values: np.ndarray) -> np.ndarray:
-    """The turbo colour map by its published polynomial fit (Mikhailov 2019)."""
+    """The turbo colour map, with its published polynomial fit (Mikhailov 2019)."""
     powers = np.stack([values**k for k in range(6)], axis=-1)
     red = [0.13572138, 4.61539260, -42.66032258, 132.13108234, -152.94239396, 59.28637943]
     green = [0.09140261, 2.19418839, 4.84296658, -14.18503333, 4.27729857, 2.82956604]
@@ -70,10 +70,10 @@ def main() -> None:
     most = np.quantile(sigma, 0.95)
 
     def coloured(depth: np.ndarray) -> np.ndarray:
-        # Logarithmic: the background is far behind the rest.
+        # Logarithmic, because the background is much farther away.
         return turbo((np.log(np.maximum(depth, low) / low) / np.log(high / low)).clip(0, 1))
 
-    # Drawn larger and reduced, for smooth outlines.
+    # Draw at four times the size and reduce, for smooth outlines.
     dots = Image.fromarray((rgb * 0.35).astype(np.uint8)).resize((4 * PANEL[0], 4 * PANEL[1]), Image.BICUBIC)
     draw = ImageDraw.Draw(dots)
     for y, x in zip(*np.nonzero(points)):

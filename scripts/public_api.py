@@ -2,10 +2,10 @@
 """Lists the public interface of lsdc-core, or compares it with the list in the repository.
 
     python3 scripts/public_api.py            prints the list
-    python3 scripts/public_api.py --check    fails if crates/core/public-api.txt is not that
+    python3 scripts/public_api.py --check    fails if crates/core/public-api.txt differs
 
-What is hidden from the documentation is not listed. Reads what rustdoc writes as JSON, whose form changes
-with the compiler: made for that of rust-toolchain.toml.
+Hidden items are not listed. Reads rustdoc's JSON output, whose format changes with the compiler: made for the version in
+rust-toolchain.toml.
 """
 
 import json
@@ -21,7 +21,7 @@ KEPT = ROOT / "crates/core/public-api.txt"
 def documented() -> dict:
     command = ["cargo", "rustdoc", "-q", "--release", "-p", "lsdc-core", "--lib", "--"]
     command += ["-Z", "unstable-options", "--output-format", "json", "--document-hidden-items"]
-    # A folder of its own: what else is built does not know RUSTC_BOOTSTRAP, and would be built again.
+    # A separate folder, because RUSTC_BOOTSTRAP would cause other builds to start over.
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "public-api"
     settings = {"RUSTC_BOOTSTRAP": "1", "CARGO_TARGET_DIR": str(target)}
     subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **settings})
@@ -37,7 +37,7 @@ def kind_of(item: dict) -> str:
 
 
 def members(item: dict) -> list:
-    """Identifiers of what is public below an item."""
+    """Returns the identifiers of public items below an item."""
     kind = kind_of(item)
     inner = item["inner"][kind]
     if kind == "module":

@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-"""Recordings of other programs read by lsdc, and its recordings read by them.
+"""Exchange of recordings with other programs, in both directions.
 
     pip install rosbags mcap mcap-ros2-support numpy opencv-python-headless pyrvl
     python3 scripts/recordings.py golden             writes tests/golden/recordings
     python3 scripts/recordings.py check [PROGRAM]    reads back what lsdc writes
     python3 scripts/recordings.py drive FRAMES OUT   makes a recording of rendered frames (docs/recordings.md)
-    python3 scripts/recordings.py truth POINTS       compares points with what was rendered there: lines `stamp,u,v,depth`, as the
-                                                     example `points` of lsdc-recordings prints them
+    python3 scripts/recordings.py truth POINTS       compares points with the rendered depth: lines `stamp,u,v,depth`, as
+                                                     printed by the example `points` of lsdc-recordings
 
-`golden` writes `types`, a message of every type and encoding, in every container, `drive`, a car with a camera and a
-scanner, and `turn`, a scanner that passes a wall while it turns, with what NumPy and OpenCV make of them in `expected.json`: colours, depths, and where OpenCV projects the points.
+`golden` writes `types`, a message of every type and encoding in every container; `drive`, a car with a camera and a scanner;
+`turn`, a scanner that passes a wall while it turns; and `expected.json`, results of NumPy and OpenCV: colours, depths, and
+projected points.
 """
 
 import json
@@ -42,7 +43,7 @@ def header(stamp: int, frame: str):
 
 
 def image(stamp: int, frame: str, encoding: str, pixels: np.ndarray, padding: int = 0):
-    """An image whose rows end with bytes of no meaning."""
+    """An image whose rows end with padding."""
     rows = pixels.reshape(pixels.shape[0], -1).view(np.uint8)
     rows = np.hstack([rows, np.full((rows.shape[0], padding), 99, np.uint8)])
     return T["sensor_msgs/msg/Image"](
@@ -79,7 +80,7 @@ def camera(stamp: int, frame: str, size, model: str, k, d):
 
 
 def cloud(stamp: int, frame: str, points: np.ndarray, layout: np.dtype, big=False, rows=1, times=None):
-    """Points in any layout; fields that are neither x, y, z nor the last one, with times, hold numbers of no meaning."""
+    """Points in any layout; fields other than x, y, z and the last one (times) contain arbitrary numbers."""
     kinds = {"u1": 2, "u2": 4, "u4": 6, "f4": 7, "f8": 8}
     data = np.zeros(len(points), layout)
     if times is not None:
@@ -104,7 +105,7 @@ def cloud(stamp: int, frame: str, points: np.ndarray, layout: np.dtype, big=Fals
 
 
 def transform(stamp: int, parent: str, child: str, rotation, translation):
-    """`rotation` is a vector whose length is the angle."""
+    """A transform; `rotation` is a rotation vector, whose length is the angle."""
     x, y, z = map(float, translation)
     angle = float(np.linalg.norm(rotation))
     axis = np.array(rotation, float) / max(angle, 1e-300)
@@ -128,7 +129,7 @@ def matrix(rotation, translation) -> np.ndarray:
 
 
 class Log(list):
-    """Messages in the order of a recording: topic, time in nanoseconds, type, bytes."""
+    """Messages in recording order: topic, time in nanoseconds, type, bytes."""
 
     def add(self, topic: str, time: int, message, little: bool = True):
         kind = message.__msgtype__
@@ -159,7 +160,7 @@ class Log(list):
 
 
 def compressed_depth(depth: np.ndarray, encoding: str, form: str = "png") -> bytes:
-    """As compressed_depth_image_transport writes it, with its usual parameters."""
+    """A message as written by compressed_depth_image_transport with its default parameters."""
     a, b, stored = 0.0, 0.0, depth
     if encoding == "32FC1":
         farthest, quantisation = 10.0, 100.0
@@ -171,20 +172,20 @@ def compressed_depth(depth: np.ndarray, encoding: str, form: str = "png") -> byt
     if form == "png":
         data = cv2.imencode(".png", stored)[1].tobytes()
     else:
-        # Of the author of RVL; his own sizes, of 16 bits, are not those of the transport.
+        # From the package of RVL's author, whose 16-bit sizes differ from those of the transport.
         rows, columns = stored.shape
         data = struct.pack("<II", columns, rows) + pyrvl.compress(stored)[4:]
     return struct.pack("<iff", 0, a, b) + data
 
 
 def yuv(encoding: str, size: tuple[int, int], rng) -> tuple[np.ndarray, np.ndarray]:
-    """Any bytes as an image of that encoding, and its colours. The rows of planes lie below each other."""
+    """Returns random bytes as an image of this encoding, and its colours. The rows of planes follow each other."""
     columns, rows = size
     if encoding in ("nv12", "nv21"):
         pixels = rng.integers(0, 256, (rows * 3 // 2, columns), np.uint8)
         return pixels, cv2.cvtColor(pixels, getattr(cv2, f"COLOR_YUV2RGB_{encoding.upper()}"))
     if encoding == "nv24":
-        # OpenCV does not know it: as an image of twice the width, in which each pair of pixels is one of these.
+        # OpenCV lacks this encoding: use an image of twice the width, in which each pair of pixels is one pixel.
         pixels = rng.integers(0, 256, (rows * 3, columns), np.uint8)
         y, uv = pixels[:rows], pixels[rows:].reshape(rows, columns, 2)
         pairs = np.stack([uv[..., 0], y, uv[..., 1], y], -1).reshape(rows, 2 * columns, 2)
@@ -195,7 +196,7 @@ def yuv(encoding: str, size: tuple[int, int], rng) -> tuple[np.ndarray, np.ndarr
 
 
 def types() -> tuple[Log, dict]:
-    """A message of every type and encoding, and what is in them."""
+    """Returns a message of every type and encoding, and their contents."""
     rng = np.random.default_rng(7)
     log, expected = Log(), {"colours": {}, "depths": {}, "clouds": {}, "cameras": {}}
     size = (14, 10)
@@ -210,7 +211,7 @@ def types() -> tuple[Log, dict]:
         "mono8": (grey, np.dstack([grey] * 3)),
     }
     time = START
-    # OpenCV calls a mosaic by its second row and column.
+    # OpenCV names a mosaic by its second row and column.
     mosaics = {"rggb": "BayerBG", "bggr": "BayerRG", "gbrg": "BayerGR", "grbg": "BayerGB"}
     for name, other in mosaics.items():
         mosaic = np.empty(smooth.shape[:2], np.uint8)
@@ -299,7 +300,7 @@ def types() -> tuple[Log, dict]:
         else:
             seen = project(place, np.zeros(3), np.zeros(3), intrinsic, d)[0]
         expected["cameras"][f"/cameras/{name}/camera_info"] = [place[0].tolist(), seen.reshape(-1).tolist()]
-    # A second camera beside the first, that measures depths.
+    # A second camera beside the first, which measures depths.
     far = (2 + np.add.outer(0.05 * np.arange(size[1]), 0.02 * np.arange(size[0]))).astype(np.float32)
     beside = ([0.0, 0.05, 0.0], [0.1, 0.0, 0.05])
     log.add("/other/depth", time, image(time, "other", "32FC1", far))
@@ -317,13 +318,13 @@ def types() -> tuple[Log, dict]:
     return log, expected
 
 
-# Where the sensors are on the car: in ROS, a car looks along x, with y to the left; a camera along z.
+# Poses of the sensors on the car. In ROS, a car looks along x, with y to the left; a camera looks along z.
 LIDAR = ([0.0, 0.0, 0.3], [0.5, 0.0, 1.6])
 CAMERA = ([-1.2091996, 1.2091996, -1.2091996], [0.8, 0.1, 1.4])
 
 
 def car(seconds: float):
-    """The pose of the car in odom: it drives 8 m/s and turns. Between the samples of TF, every 50 ms, it goes straight."""
+    """Returns the pose of the car in odom: it drives 8 m/s and turns. Between TF samples, every 50 ms, it goes straight."""
     before = np.floor(seconds / 0.05 + 1e-9) * 0.05
     share = (seconds - before) / 0.05
 
@@ -336,11 +337,11 @@ def car(seconds: float):
 
 
 def drive() -> tuple[Log, dict]:
-    """A car that passes a wall; a frame without transforms, and one without points."""
+    """Records a car that passes a wall, with a frame without transforms, and one without points."""
     size, k, d = (96, 72), (80.0, 80.0, 47.5, 35.5), [-0.1, 0.02, 0.001, -0.0005, 0.0]
     room = cv2.resize(cv2.imread(str(ROOT / "assets/room/rgb.png")), size, interpolation=cv2.INTER_AREA)
     rng = np.random.default_rng(3)
-    # A wall with bumps ahead of the car: in odom.
+    # A wall with bumps ahead of the car, in odom.
     y, z = rng.uniform(-8, 8, 320), rng.uniform(-2, 5, 320)
     wall = np.column_stack([16 + 0.3 * np.sin(y), y, z, np.ones(len(y))])
     layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
@@ -386,8 +387,8 @@ def drive() -> tuple[Log, dict]:
 
 
 def turn() -> tuple[Log, dict]:
-    """A car whose scanner passes over a wall while it drives and turns: twice, the second time after the last transform. The
-    times of the points are those of several drivers. Where the wall is seen is a closed form."""
+    """Records a car whose scanner sweeps over a wall while it drives and turns, twice, the second time after the last
+    transform. The times of points have the formats of several drivers. The wall is intersected in closed form."""
     size, k = (48, 36), (40.0, 40.0, 23.5, 17.5)
     lidar, eye = matrix(*LIDAR), matrix(*CAMERA)
     normal, offset = np.array([0.96, 0.28, 0.0]), 14.0
@@ -408,7 +409,7 @@ def turn() -> tuple[Log, dict]:
         points = []
         for past in nanoseconds:
             pose = matrix(*car(begin + past * 1e-9)) @ lidar
-            # The scanner is turned against the car; it passes from right to left.
+            # The scanner is rotated relative to the car; it sweeps from right to left.
             azimuth = np.radians(-28 + 56 * past / nanoseconds[-1]) - LIDAR[0][2]
             level = np.cos(elevations)
             rays = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevations)])
@@ -452,7 +453,7 @@ def golden() -> None:
 
 
 def check(program: str) -> None:
-    """Depths in a recording that lsdc writes are those that it writes to files, at the stamps and frames of the images."""
+    """Checks that depths in a recording equal those in files, with the stamps and frames of the images."""
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         source = str(GOLDEN / "drive.mcap")
@@ -476,7 +477,7 @@ def check(program: str) -> None:
                     assert np.allclose(points[:, 2], depth[depth > 0])
                 seen += 1
         assert seen == 2 * len(expected) == 8
-        # Another library, with its own definitions of the types.
+        # Read by another library, with its own definitions of the types.
         with make_any(folder / "mm.mcap") as reader:
             for connection, _, data in reader.messages():
                 message = STORE.deserialize_cdr(data, connection.msgtype)
@@ -492,7 +493,7 @@ def make_any(path: Path):
     return AnyReader([path], default_typestore=STORE)
 
 
-# A room with boxes, in metres: corners of each, and its colour.
+# A room with boxes, in metres: corners and colour of each.
 SIZE, FOCAL, MIDDLE = (640, 480), 525.0, (319.5, 239.5)
 ROOM = np.array([[-6, -5, 0], [6, 5, 3]], float)
 BOXES = np.array(
@@ -510,7 +511,7 @@ BOXES = np.array(
 
 
 def cast(origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far each ray goes, and what it hits: 0 for the room, else the number of a box."""
+    """Returns the distance along each ray, and the object that it hits: 0 for the room, otherwise the number of a box."""
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = (ROOM[:, None] - origins) / rays
         far, hit = np.nanmin(sides.max(0), axis=-1), np.zeros(len(rays), int)
@@ -523,7 +524,7 @@ def cast(origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def walk(seconds: float) -> np.ndarray:
-    """The pose of a robot that walks a circle through the room, looking ahead and a little about."""
+    """Returns the pose of a robot that walks in a circle through the room, looking ahead and slightly around."""
     angle = 0.15 * seconds
     heading = angle + np.pi / 2 + 0.4 * np.sin(0.7 * seconds)
     return matrix([0, 0, heading], [2.6 * np.cos(angle), 0.3 + 1.6 * np.sin(angle), 0.5])
@@ -534,14 +535,14 @@ EYE = (CAMERA[0], [0.15, 0.0, 0.3])
 
 
 def spinning(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A turn of a scanner of 16 lasers while it moves, that begins at a time: points in its own frame, each at its own
-    nanosecond, these, and the points in the room."""
+    """Scans one turn of 16 lasers, starting at a time, while the scanner moves: returns points in its frame at the time of
+    each, these times in nanoseconds, and the points in the room."""
     turns = np.arange(900)
     elevations = np.radians(np.linspace(-15, 15, 16))
     points, room = [], []
     for turn in turns:
         pose = walk(seconds + 0.1 * turn / len(turns)) @ matrix(*SCANNER)
-        # Ahead in the middle of the turn.
+        # It looks ahead in the middle of the turn.
         azimuth = 2 * np.pi * (turn / len(turns) - 0.5)
         level = np.cos(elevations)
         rays = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevations)])
@@ -565,8 +566,8 @@ def rendered(pose: np.ndarray) -> np.ndarray:
 
 
 def room_drive(frames: int, output: Path) -> None:
-    """Images and turns of the scanner, ten a second, which begin 30 ms before the images; and the same frames as files, but for
-    what is hidden."""
+    """Records ten images and turns of the scanner per second, which begin 30 ms before the images; writes the same frames as
+    files, without hidden points."""
     (output / "images").mkdir(parents=True)
     (output / "points").mkdir()
     layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<u4")])
@@ -597,7 +598,7 @@ def room_drive(frames: int, output: Path) -> None:
 
 
 def truth(path: Path) -> None:
-    """How far the depths of points are from what the camera of `drive` sees at their places."""
+    """Compares the depths of points with those that the camera of `drive` sees at their positions."""
     rows = np.loadtxt(path, delimiter=",", dtype=np.float64, converters={0: lambda text: int(text) - START})
     off = []
     for stamp in np.unique(rows[:, 0]):

@@ -3,12 +3,12 @@
 #
 #     scripts/release.sh [TARGET...]      # [default: all of `targets`; `wheel-TARGET` is the Python package]
 #
-# writes archives, wheels and SHA256SUMS to target/released (LSDC_OUT=FOLDER: to another folder). Each program is checked for the
-# libraries that it loads, and completes the room where this machine can run it: Arm in QEMU, Windows in Wine. Ends
-# with what was left out. The workflow `release` builds the same on machines of each system, and for macOS, too.
+# writes archives, wheels and SHA256SUMS to target/released (LSDC_OUT=FOLDER: to another folder). Checks the libraries that each
+# program loads, and completes the room if this machine can run the program (Arm in QEMU, Windows in Wine). Lists what was
+# skipped at the end. The workflow `release` builds the same on machines of each system, and also for macOS.
 #
 # Needs rustup, Python with venv, and for Windows gcc-mingw-w64-x86-64. zig is the C compiler and linker of the others.
-# LSDC_PROFILE=release and LSDC_FEATURES="--no-default-features --features serve,weights" build less in less time, for a trial.
+# LSDC_PROFILE=release and LSDC_FEATURES="--no-default-features --features serve,weights" give a smaller, faster trial build.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -21,7 +21,7 @@ targets=(
   wheel-x86_64-unknown-linux-gnu
   wheel-aarch64-unknown-linux-gnu
 )
-# The oldest for which Rust builds. Programs and wheels must need none that is newer.
+# The oldest version for which Rust builds. Programs and wheels must not need a newer one.
 glibc=2.17
 
 step() { printf '\n== release: %s (%s)\n' "$1" "$(date +%T)"; }
@@ -50,21 +50,21 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 step "zig"
-# Kept: cargo builds all packages again where the path of the linker is another one.
+# Kept in a fixed place: cargo rebuilds all packages if the path of the linker changes.
 tools=$built/release-tools
 python3 -m venv "$tools"
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PATH=$tools/bin:$PATH
 pip install -q -r scripts/release-tools.txt 'maturin>=1.14,<2'
 
-# newest_glibc FILE: the newest version of glibc of which the file needs a symbol.
+# newest_glibc FILE: the newest version of glibc that the file requires.
 newest_glibc() { grep -aoE 'GLIBC_[0-9]+\.[0-9]+' "$1" | sed 's/GLIBC_//' | sort -Vu | tail -n 1; }
 
-# Where QEMU finds glibc for Arm (libc6-arm64-cross). With libc6:arm64 in place, programs hang if it is sought elsewhere.
+# Path of glibc for Arm in QEMU (libc6-arm64-cross). If libc6:arm64 is installed, programs hang with another path.
 if [ ! -e /lib/ld-linux-aarch64.so.1 ]; then export QEMU_LD_PREFIX=/usr/aarch64-linux-gnu; fi
 
-# The first target runs here. It writes the manual pages of all archives, and its depths are compared with the others'.
+# The first target runs here: it writes the manual pages of all archives, and the reference depths.
 here=$built/x86_64-unknown-linux-musl/$profile/lsdc
-# completes COMMAND...: runs a program on the room, and compares its depths with those of the program of this machine.
+# completes COMMAND...: runs a program on the room, and compares its depths with those of this machine's program.
 completes() {
   for folder in here "$triple"; do
     command=("$@")
@@ -74,8 +74,8 @@ completes() {
   python3 scripts/near.py "$work/$triple/rgb_depth.npy" "$work/here/rgb_depth.npy" 2e-5
 }
 
-# with_random_numbers PROGRAM: a copy of a program for Windows, beside the library that Wine 8 (Debian 12) lacks and Rust's
-# standard library needs one function of.
+# with_random_numbers PROGRAM: copies a program for Windows next to a library with one function that Rust's standard library
+# needs and Wine 8 (Debian 12) lacks.
 with_random_numbers() {
   mkdir -p "$work/wine"
   cp "$1" "$work/wine"
@@ -105,7 +105,7 @@ for target in "${targets[@]}"; do
   case $triple in
     *-linux-gnu) zig_target=$triple.$glibc ;;
     *-windows-gnu)
-      # Debian's, whose library of threads is linked in.
+      # Debian's compiler, which links its thread library statically.
       command -v x86_64-w64-mingw32-gcc >/dev/null || fail "x86_64-w64-mingw32-gcc is missing: apt-get install gcc-mingw-w64-x86-64"
       build=build program=$program.exe
       ;;

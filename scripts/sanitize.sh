@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # Runs the tests of the kernels, on every instruction set of this machine, under AddressSanitizer.
-# Linux on x86-64; builds all dependencies anew (about ten minutes on two cores).
+# Linux on x86-64; rebuilds all dependencies (about ten minutes on two cores).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-# The sanitizer comes with the stable compiler, but only nightly ones take the flag by themselves.
+# The stable compiler includes the sanitizer, but only nightly compilers accept the flag without this variable.
 export RUSTC_BOOTSTRAP=1
 export RUSTFLAGS="-Zsanitizer=address"
 export CARGO_PROFILE_RELEASE_STRIP=false

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Checks what small machines need: the size of a minimal program, and the memory of completions.
+"""Checks the requirements of small machines: the size of a minimal program, and the memory of completions.
 
     python3 scripts/small.py
 
-Builds the example `minimal` of lsdc-core with the weights `small` alone, in the profile of that name (some minutes). It may have
-8 MB. Completes 640x480 pixels with 500 points by `small`, with it and with `lsdc complete` if that is built: each may take
-120 MB (`ru_maxrss`). Linux; needs no NumPy.
+Builds the example `minimal` of lsdc-core with only the weights `small`, in the profile `minimal` (some minutes); its limit is
+8 MB. Completes 640x480 pixels with 500 points by `small`, with this program and with `lsdc complete` if that is built; the
+limit of each is 120 MB (`ru_maxrss`). For Linux; does not need NumPy.
 """
 
 import os
@@ -24,7 +24,7 @@ MOST_SIZE, MOST_MEMORY = 8e6, 120e6
 
 
 def inputs(folder: Path) -> None:
-    """Boxes of different colours and depths, with some noise, as image.ppm, image.png and points.csv."""
+    """Writes boxes of different colours and depths, with some noise, as image.ppm, image.png and points.csv."""
     def box(x: int, y: int) -> int:
         return (x // 80 * 37 + y // 60 * 91) % 200
 
@@ -44,7 +44,7 @@ def inputs(folder: Path) -> None:
 
 
 def memory(command: list) -> int:
-    """The peak of a command in bytes: it is the only child of a child of this process."""
+    """Returns the peak memory of a command in bytes, which is the only child of a child process."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""assets/views.webp: a frame with its points, its depth alone and with the points of neighbours, and the fused mesh.
+"""Draws assets/views.webp: a frame with its points, its depth alone and with the points of neighbours, and the fused mesh.
 
     cargo run --release -p lsdc-eval --example views -- --rooms 2 --points 200 --write ROOMS
     cd ROOMS/path-1
@@ -19,12 +19,12 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 GAP = 8
-# From near to far.
+# Colours from near to far.
 COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
 
 
 def coloured(depth, low, high):
-    """Depths as colours, along their inverses."""
+    """Returns depths as colours, linear in inverse depth."""
     share = np.clip((1 / low - 1 / np.maximum(depth, low)) / (1 / low - 1 / high), 0, 1) * (len(COLOURS) - 1)
     index = np.minimum(share.astype(int), len(COLOURS) - 2)
     part = (share - index)[..., None]
@@ -32,7 +32,7 @@ def coloured(depth, low, high):
 
 
 def mesh(path):
-    """Vertices, colours and triangles of a binary PLY as `lsdc fuse` writes it."""
+    """Reads vertices, colours and triangles of a binary PLY of `lsdc fuse`."""
     data = path.read_bytes()
     head, body = data.split(b"end_header\n", 1)
     kinds = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4", "uint": "<u4"}
@@ -64,7 +64,7 @@ def rotation(x, y, z, w):
 
 
 def rendered(surface, camera, turn, place):
-    """A mesh, triangle by triangle, lit from the camera."""
+    """Renders a mesh, triangle by triangle, lit from the camera."""
     vertices, colours, triangles = surface
     seen = (vertices - place) @ turn
     width, height = camera["width"], camera["height"]
@@ -114,7 +114,7 @@ def main():
         print(f"{name}: RMSE {np.sqrt(np.mean((depth - truth) ** 2)):.3f} m")
     poses = np.loadtxt(folder / "poses.txt")
     pose = poses[np.argmin(abs(poses[:, 0] - float(frame)))]
-    # From behind the camera and above, looking down a little.
+    # A view from behind and above the camera, looking slightly down.
     turn = rotation(*pose[4:])
     angle = 0.18
     tilted = turn @ np.array([[1, 0, 0], [0, np.cos(angle), np.sin(angle)], [0, -np.sin(angle), np.cos(angle)]])

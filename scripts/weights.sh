@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes the weights of the program from data: docs/weights.md, "From data to the files". Called again, it goes on
-# where it stopped: what is there is not made again, and an interrupted training is resumed.
+# Makes the weights of the program from data: docs/weights.md, "From data to the files". If run again, it continues where
+# it stopped: finished files are kept, and interrupted training is resumed.
 set -euo pipefail
 
 usage() {
@@ -75,10 +75,10 @@ nyu=$(realpath "$nyu")
 [ -z "$photos" ] || photos=$(realpath "$photos")
 lsdc=$(realpath "$(command -v "$lsdc")")
 mkdir -p "$out"
-# Weights tell what they were made from: by names below this folder, not those of this machine.
+# The history in weights has paths relative to this folder, not those of this machine.
 cd "$out"
 
-# What was begun with other data is not gone on with.
+# Do not continue with other data.
 asked="nyu $nyu
 more $more
 photos $photos
@@ -86,12 +86,12 @@ steps-scale $scale"
 [ -e asked ] || echo "$asked" >asked
 [ "$(<asked)" = "$asked" ] || fail "\`$out\` was begun with other options: $(tr '\n' ' ' <asked)"
 
-# A calibration is not broken off, but nothing is begun after it.
+# A calibration is not interrupted, but nothing starts after it.
 trap 'exit 130' INT TERM
 
 say() { echo "weights.sh: $*" >&2; }
 
-# Copied, so that the weights tell a relative name.
+# Copied, so that the history has a relative path.
 if [ -n "$backbone" ]; then
   if [ ! -e efficientnet-lite0.pth ]; then
     cp "$backbone" efficientnet-lite0.part
@@ -102,8 +102,8 @@ fi
 
 run_of() { echo "runs/$1/weights.safetensors"; }
 
-# all_frames: also the further frames; fewer_others, few_others: these only as 40 and 15 % of what is seen. for_map: what the map
-# of depth learns from, photographs as 35 %, and fewer others beside them.
+# all_frames: includes the further frames; fewer_others, few_others: these only as 40 and 15 % of the samples. for_map: the data
+# for the depth map, with photographs as 35 % and fewer other frames.
 all_frames=() fewer_others=() few_others=()
 further="dataset = 'folder', root = '$more', folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' }"
 images="dataset = 'folder', root = '$photos', folder = { rgb = '{set}/{frame}.jpg', depth = '' }"
@@ -119,8 +119,8 @@ if [ -n "$photos" ]; then
     --set train.teacher.target=images)
 fi
 
-# train NAME CONFIG OPTION...: a run of the recipe, whose weights are those of `run_of NAME`. They are complete once the
-# command has ended, because it calibrates them after it has written them.
+# train NAME CONFIG OPTION...: a run of the recipe, with weights at `run_of NAME`. They are complete when the command has ended,
+# because it calibrates them after writing them.
 train() {
   local name=$1 config=$2 folder=runs/$1 steps
   shift 2
@@ -142,7 +142,7 @@ train() {
   touch "$folder/complete"
 }
 
-# links: every third of the training frames of NYU.
+# links: links every third training frame of NYU.
 links() {
   local image depth target
   [ ! -e third/complete ] || return 0
@@ -170,7 +170,7 @@ finish() {
   "$lsdc" calibrate --only-errors --dataset nyu --root third --weights "$prior" -o "$name.safetensors"
 }
 
-# Basis functions at half and full size, affinities, then both.
+# Basis functions at half and full size, then affinities, then both.
 first_default() {
   train half nyu-half.toml
   train bases nyu-bases.toml --set "train.start=$(run_of half)"
@@ -184,8 +184,8 @@ first_small() {
   train small-joint nyu-joint.toml --set preset=small --set train.steps=1200 --set "train.start=$(run_of small-affinities)"
 }
 
-# beside_backbone NAME START PRESET: the map of depth that a pretrained network suggests, for longer with photographs, of which
-# there are many; then basis functions trained with it.
+# beside_backbone NAME START PRESET: trains the depth map predicted by a pretrained network, longer with photographs, of which
+# there are many; then basis functions together with it.
 beside_backbone() {
   local name=$1 start=$2 preset=$3 map=$1-map
   train "$map" nyu-map.toml "${for_map[@]}" --set "preset=$preset" --set "train.start=$start" --set train.seed=8
@@ -199,8 +199,8 @@ beside_backbone() {
   finish "$name" "$(run_of "$name-lite")"
 }
 
-# By `anything`, all of it; then the basis functions alone, beside the affinities that it started from, on which other frames
-# do not improve, first with some of these, then with those of NYU.
+# Distils all of `anything`; then trains only the basis functions, with the affinities of the start, which other frames do not
+# improve, first with some other frames, then with those of NYU.
 taught() {
   local start own=runs/taught-own-affinities.safetensors
   start=$(run_of joint)
@@ -215,8 +215,8 @@ taught() {
     --set train.learning_rate=1e-3 --set train.supervision.fewest=60 --set train.seed=7
 }
 
-# anything: on top of the encoder; first the basis functions, then all, then with more points, then with all numbers of
-# points again. The mean of the last two is better than each, and so is that of it and a last run with many points.
+# anything: on top of the encoder; first the basis functions, then everything, then with more points, then with all numbers of
+# points again. The mean of the last two is better than each, and so is its mean with a last run with many points.
 make_anything() {
   [ ! -e anything.safetensors ] || { say "anything.safetensors is there"; return 0; }
   first_default

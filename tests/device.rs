@@ -1,4 +1,4 @@
-//! `lsdc complete` on a GPU, or on a software driver for one.
+//! `lsdc complete` on a GPU or a software driver.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
@@ -10,7 +10,7 @@ use std::path::Path;
 
 const NAMES: [&str; 4] = ["a", "b", "c", "d"];
 
-/// Images `a` to `d`, none like another, with points.
+/// A folder with different images `a` to `d`, and points.
 fn folders() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -68,6 +68,6 @@ fn a_folder_has_the_depths_of_the_cpu_however_many_images_are_in_flight() {
         let rms = (squares / found.values().len() as f64).sqrt();
         assert!(rms < 2e-3, "{rms} m");
     }
-    // Threads take turns differently each time.
+    // Threads are scheduled differently in each run.
     assert_eq!(complete(folder.path(), "wgpu", "again"), found);
 }

@@ -1,12 +1,12 @@
-//! Completed depth is what it was: results for rooms, on coarse grids, are those of `crates/weights/golden`
-//! at every instruction set. So are predictions of a tiny Depth Anything.
+//! Regression test of numerics: results for rooms, on coarse grids, match `crates/weights/golden` with every instruction set.
+//! So do predictions of a tiny Depth Anything.
 //!
-//! A change of numerics fails here until the file is updated on purpose:
+//! A change of numerics fails this test until the file is updated on purpose:
 //!
 //!     LSDC_UPDATE_GOLDEN=1 cargo test --release --test golden_depths
 //!
-//! which replaces only what differs. The file identifies the numerics of the program, so results that were kept on disk
-//! are then computed anew (`provenance::numerics`).
+//! which replaces only values that differ. The file identifies the numerics of the program (`provenance::numerics`), so the
+//! program does not reuse results on disk from before the update.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
@@ -32,7 +32,8 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
-/// Losses of a training may differ by this share of the first, each of whose steps starts from the rounding of the ones before: up to 2.4e-5.
+/// Tolerance of training losses, relative to the first. Rounding errors accumulate over the steps: differences of up to 2.4e-5
+/// were measured.
 const TOLERANCE_TRAINED: f32 = 5e-5;
 
 fn compute() -> Results {
@@ -53,7 +54,8 @@ fn compute() -> Results {
     results
 }
 
-/// What guides are made of, by encoder and depth head of random weights: the published ones are not in the program.
+/// Inverse depths, from which guides are made, by encoder and depth head with random weights; the published weights are not in
+/// the program.
 fn inverse_depth(frame: &Frame) -> Result {
     let (width, height) = (frame.rgb.width() as usize, frame.rgb.height() as usize);
     let image = Image::new(width, height, Channels::Rgb, frame.rgb.as_raw()).unwrap();
@@ -70,7 +72,7 @@ fn inverse_depth(frame: &Frame) -> Result {
     }
 }
 
-/// The losses of the first steps of a training, which its gradients decide.
+/// Losses of the first training steps, which depend on the gradients.
 fn trained() -> Vec<f32> {
     let folder = tempfile::tempdir().unwrap();
     let settings = [

@@ -1,8 +1,6 @@
-//! Damaged files of every format: an error or a result, never a panic, never more memory than the
-//! file can stand for.
+//! Damaged files of every format give an error or a result, never a panic or excessive memory use.
 //!
-//! `LSDC_DAMAGED=20000 cargo test --release --test hostile` tries more copies than the few hundred
-//! of an ordinary run.
+//! `LSDC_DAMAGED=20000 cargo test --release --test hostile` tries more copies than the default of a few hundred.
 
 #![allow(clippy::unwrap_used)]
 
@@ -30,17 +28,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Counts what is asked for.
+/// Allocator that counts allocated bytes.
 struct Counting;
 
 static IN_USE: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 
-/// The tests of this file take turns, so that each sees its own memory only.
+/// Serialises the tests of this file, so that each measures only its own memory.
 static TURN: Mutex<()> = Mutex::new(());
 
 #[allow(unsafe_code)]
-// SAFETY: every call goes to the system's allocator unchanged.
+// SAFETY: every call is forwarded to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let now = IN_USE.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
@@ -59,7 +57,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// What reading a file of a few kilobytes may take.
+/// Limit of the bytes allocated while reading a file of a few kilobytes.
 const MOST: usize = 48 << 20;
 
 const WIDTH: usize = 24;
@@ -81,7 +79,7 @@ fn depth() -> DepthMap {
     DepthMap::new(WIDTH, HEIGHT, values).unwrap()
 }
 
-/// A copy with some bits turned, some numbers made huge, or its end missing.
+/// Returns a copy with some bits flipped, some bytes or numbers replaced, or its end missing.
 fn damaged(sound: &[u8], rng: &mut Rng) -> Vec<u8> {
     let mut copy = sound.to_vec();
     let kind = rng.below(4);
@@ -89,7 +87,7 @@ fn damaged(sound: &[u8], rng: &mut Rng) -> Vec<u8> {
         copy.truncate(rng.below(sound.len() as u32) as usize);
         return copy;
     }
-    // Headers lie at the front, where most of the damage is wanted.
+    // Damage the front, where headers are, more often.
     let reach = if rng.chance(0.5) {
         copy.len().min(512)
     } else {
@@ -110,7 +108,7 @@ fn damaged(sound: &[u8], rng: &mut Rng) -> Vec<u8> {
     copy
 }
 
-/// Reads the sound file, which must work, and its damaged copies, which must not do harm.
+/// Reads the sound file, which must succeed, and damaged copies, which must not panic or exceed the memory limit.
 fn survive(path: &Path, read: impl Fn() -> bool) {
     let _turn = TURN
         .lock()
@@ -241,8 +239,8 @@ fn hierarchical_files() {
     survive(&path, || readable(DatasetKind::Nyu, &path));
 }
 
-/// A file of 7 kB that a fuzzer found: a chunk of a declared 4 GiB, which the library made room for
-/// before it read. Random damage seldom hits that number.
+/// A file of 7 kB found by a fuzzer, with a chunk of a declared 4 GiB, which the library allocated before reading. Random
+/// damage rarely hits that number.
 #[test]
 fn a_chunk_that_promises_gigabytes_is_refused() {
     let _turn = TURN
@@ -310,7 +308,7 @@ fn laser_scans() {
     survive(&path, || readable(DatasetKind::Scans, folder.path()));
 }
 
-/// A few bytes that say they are gigabytes.
+/// A few bytes that decompress to gigabytes.
 #[test]
 fn archives_that_swell_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -331,13 +329,13 @@ fn archives_that_swell_are_refused() {
     refuse(&path, "declares 2147483647 bytes");
 }
 
-/// A file that a fuzzer found.
+/// Path of a file found by a fuzzer.
 fn found(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     folder.join("tests/damaged").join(name)
 }
 
-/// Refused with these words, and without taking memory.
+/// Checks that a file is refused with these words and without excessive memory use.
 fn refuse(path: &Path, words: &str) {
     let _turn = TURN
         .lock()
@@ -489,7 +487,7 @@ fn points() {
     let place = numbers(&[1.0, 1.0, 5.0]);
     let track = [&one[..], &none, &none].concat();
     let landmark = [&one[..], &one, &place, &[1, 2, 3], &numbers(&[0.5]), &track].concat();
-    // One camera, number 1, and its image in a frame.
+    // One camera with id 1, and its image in a frame.
     let words = |words: &[u32]| {
         words
             .iter()
@@ -615,7 +613,7 @@ fn recordings() {
         survive(&path, || message(kind, &std::fs::read(&path).unwrap()));
     }
     let path = folder.path().join("frames.mcap");
-    // The second has times of its points.
+    // The second recording has a time for each point.
     for (name, points, count) in [
         ("drive.mcap", "/lidar/points", 4),
         ("turn.mcap", "/velodyne/points", 1),

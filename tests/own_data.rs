@@ -1,4 +1,4 @@
-//! Calibrating and training on frames of a user: laser scans, and a depth camera.
+//! Calibration and training on a user's frames: laser scans, and a depth camera.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,7 +13,7 @@ use lsdc_weights::{history, open_weights};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// A network that is trained in seconds, on rooms.
+/// Configuration of a network that trains on rooms in seconds.
 const SMALL: &str = r#"
 preset = "small"
 
@@ -44,7 +44,7 @@ protocol = {}
 supervision = { points = 200, fewest = 100, patches = 4, patch = 8 }
 "#;
 
-/// What the program says when it succeeds.
+/// Runs the program, which must succeed, and returns its output.
 fn said(folder: &Path, args: &[&str]) -> String {
     let run = Command::new(env!("CARGO_BIN_EXE_lsdc"))
         .current_dir(folder)
@@ -57,7 +57,7 @@ fn said(folder: &Path, args: &[&str]) -> String {
     text
 }
 
-/// A folder with weights of a small network.
+/// A folder with trained weights of a small network.
 fn trained() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("small.toml"), SMALL).unwrap();
@@ -68,8 +68,8 @@ fn trained() -> tempfile::TempDir {
     folder
 }
 
-/// Six scans of 12 rings: a road seen from 1.6 m above it, to a wall 6 m ahead, and three returns seen past the wall.
-/// Truth is at 4 % of the pixels; the last image is smaller.
+/// Writes six scans of 12 rings: a road seen from 1.6 m above it, a wall 6 m ahead, and three returns beyond the wall. Ground
+/// truth covers 4 % of the pixels; the last image is smaller.
 fn write_scans(folder: &Path) {
     for number in 0..6_u8 {
         let (width, height) = if number == 5 { (244, 74) } else { (248, 76) };
@@ -92,13 +92,13 @@ fn weights(path: &Path) -> Weights {
     open_weights(Some(path)).unwrap()
 }
 
-/// What the last command that changed weights was made with.
+/// Settings of the last command in the history of weights.
 fn last_settings(weights: &Weights) -> Value {
     let entries = history::read(&weights.notes).unwrap();
     entries.last().unwrap().settings.clone()
 }
 
-/// Whether numbers agree to the precision of f16.
+/// Whether numbers agree to f16 precision.
 fn close(a: &[f32], b: &[f32]) -> bool {
     let pairs = a.iter().zip(b);
     a.len() == b.len()
@@ -204,7 +204,7 @@ fn the_default_weights_are_trained_further_on_scans() {
         Weights::builtin(),
         weights(&at.join("run/weights.safetensors")),
     );
-    // All are as large as the first: sqrt(6000 / (248 x 76)) = 0.564 of its sides.
+    // All images are resized like the first: its sides times sqrt(6000 / (248 x 76)) = 0.564.
     assert_eq!(after.normalisation.input, [43, 140]);
     assert!(before.tensors.keys().eq(after.tensors.keys()));
     let mut changed = 0;
@@ -220,7 +220,7 @@ fn the_default_weights_are_trained_further_on_scans() {
     assert!(close(&old.numbers().1, &new.numbers().1));
     assert!(calibration.errors.is_some());
 
-    // They are calibrated again on the frames that were held out.
+    // Calibrating again uses the held-out frames.
     let again = ["calibrate", "--dataset", "scans", "--root", "scans"];
     let from = [
         "--weights",

@@ -1,4 +1,4 @@
-//! Training runs: the same bits for the same seed, interrupted or not.
+//! Training runs give the same bits for the same seed, interrupted or not.
 
 #![allow(clippy::unwrap_used)]
 
@@ -54,14 +54,14 @@ fn bytes(folder: &Path, run: &str) -> Vec<u8> {
     std::fs::read(folder.join(run).join("checkpoints/00000006/network.bpk")).unwrap()
 }
 
-/// The lines of the log without the time that steps took.
+/// Lines of the log without the times of steps.
 fn losses(folder: &Path, run: &str) -> Vec<String> {
     let text = std::fs::read_to_string(folder.join(run).join("metrics.jsonl")).unwrap();
     let strip = |line: &str| line.split(",\"seconds\"").next().unwrap().to_owned();
     text.lines().map(strip).collect()
 }
 
-/// The same through the joint fit, with edges judged, an average, and every loss.
+/// [`CONFIG`] with the joint fit, learned affinities, averaged weights, and further losses.
 fn joint() -> String {
     CONFIG
         .replace("octaves = 3", "octaves = 3\naffinities = 8")
@@ -85,7 +85,7 @@ fn nor_do_they_with_muon() {
     unchanged(&CONFIG.replace("held_out = 2", "held_out = 2\noptimiser = \"muon\""));
 }
 
-/// A system of the paper's comparison, small.
+/// Configuration of a small version of a system in the paper's comparison.
 fn system(settings: &str, optimiser: &str) -> String {
     format!(
         r#"
@@ -183,7 +183,7 @@ fn trained_systems_complete() {
         assert_eq!(code, Some(0), "{text}");
         assert!(text.contains("mine") && text.contains("linear"), "{text}");
 
-        // The same frame by hand, and one of another size.
+        // The same frame completed directly, and a frame of another size.
         let export = ["export", "-o", "frames", "--limit", "1"];
         let (code, text) = run(&[&export[..], &data, &["--set", "data.rooms.height=48"]].concat());
         assert_eq!(code, Some(0), "{text}");
@@ -216,7 +216,7 @@ fn trained_systems_complete() {
         assert_eq!(found.len(), 64 * 48);
         assert_eq!(found, depths(&only("saved")));
 
-        // What does not go together.
+        // Options that conflict.
         let (code, text) = run(&[&complete[..], &["--force", "--weights", weights]].concat());
         assert_eq!(code, Some(2), "{text}");
         assert!(text.contains("--method"), "{text}");
@@ -266,7 +266,7 @@ fn unchanged(config: &str) {
     );
     assert_eq!(losses(at, "a"), losses(at, "b"));
 
-    // A run killed after its third step: what came later is lost, then made again.
+    // Simulate a run killed after its third step: later steps are lost and computed again.
     train(at, &["--config", "c.toml", "-o", "c"]);
     std::fs::remove_dir_all(at.join("c/checkpoints/00000006")).unwrap();
     std::fs::remove_file(at.join("c/weights.safetensors")).unwrap();
@@ -322,7 +322,7 @@ fn several_devices_divide_every_batch() {
     assert!(!at.join("c").exists());
 }
 
-/// One step of [`CONFIG`], in the file `c.toml`, into the folder `a`.
+/// Trains one step of [`CONFIG`], written to `c.toml`, into the folder `a`.
 fn train_one_step(at: &Path) {
     std::fs::write(at.join("c.toml"), CONFIG).unwrap();
     train(
@@ -375,7 +375,7 @@ fn a_run_does_not_go_on_with_other_frames() {
     for words in ["a/data.json", "frames: 12, now 10", "names: ", "hint:"] {
         assert!(said.contains(words), "{words}: {said}");
     }
-    // Runs of before have no record: that is said, and they have one from then on.
+    // A run without a record gets a warning and, from then on, a record.
     std::fs::remove_file(at.join("a/data.json")).unwrap();
     let unknown = resume();
     let said = String::from_utf8(unknown.stderr).unwrap();
@@ -459,7 +459,7 @@ fn trained_weights_complete() {
         .success();
 }
 
-/// The named tensors of the network in a weights file.
+/// Bytes of the network's tensors in a weights file, by name.
 fn tensors(path: &Path) -> std::collections::BTreeMap<String, Vec<u8>> {
     let bytes = std::fs::read(path).unwrap();
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
@@ -536,7 +536,7 @@ fn affinities_learn_the_same_whatever_the_basis_functions() {
     assert!(alone.keys().eq(beside.keys()));
     for (name, values) in &alone {
         let same = *values == beside[name];
-        // Gains, shifts and statistics of the others may have the constants that they begin with.
+        // Gains, biases and statistics of other parts may still have their initial constants.
         let constant = name.contains("norm") || name.contains("bias");
         let expected = name.starts_with("edges.");
         assert!(
@@ -546,7 +546,7 @@ fn affinities_learn_the_same_whatever_the_basis_functions() {
     }
 }
 
-/// A teacher that completes rooms, and a folder of images without depths as a third of all frames.
+/// Configuration with a teacher, and images without depths as a third of all frames, which it writes.
 fn taught(at: &Path) -> String {
     for i in 0..5_u8 {
         let image = image::RgbImage::from_fn(64, 48, |x, y| {
@@ -568,7 +568,7 @@ fn nor_do_they_with_a_teacher_and_several_datasets() {
     let at = folder.path();
     let config = taught(at);
     std::fs::write(at.join("c.toml"), &config).unwrap();
-    // What two processes prepared is all that a run needs.
+    // Two processes prepare everything that a run needs.
     let prepare = ["--config", "c.toml", "--prepare", "--shard"];
     train(at, &[&prepare[..], &["0/2"]].concat());
     train(at, &[&prepare[..], &["1/2"]].concat());
@@ -579,7 +579,7 @@ fn nor_do_they_with_a_teacher_and_several_datasets() {
         files
     };
     let before = kept();
-    // 12 rooms without those held out, and 5 images.
+    // The rooms that are not held out (of 12), and 5 images.
     assert_eq!(before.len(), 15);
     assert!(!at.join("runs").exists());
     let short = ["--set", "train.calibrate=false"];
@@ -588,7 +588,7 @@ fn nor_do_they_with_a_teacher_and_several_datasets() {
         &[&["--config", "c.toml", "-o", "a"][..], &short].concat(),
     );
     assert_eq!(kept(), before);
-    // Computed anew, and in a run that goes on.
+    // Prepared again by a run, also by a resumed one.
     std::fs::remove_dir_all(at.join("kept")).unwrap();
     let workers = ["--set", "train.workers=3"];
     train(
@@ -602,7 +602,7 @@ fn nor_do_they_with_a_teacher_and_several_datasets() {
     let [a, b] = ["a", "b"].map(|run| tensors(&at.join(run).join("weights.safetensors")));
     assert!(a == b, "the weights differ");
 
-    // Another teacher is not taken for the one that the run began with.
+    // A run does not resume with another teacher.
     let settings = at.join("b/config.toml");
     let text = std::fs::read_to_string(&settings).unwrap();
     let refused = |args: &[&str]| {
@@ -659,7 +659,7 @@ fn nor_do_they_beside_the_network_of_a_teacher() {
     assert!(!at.join("d").exists());
 }
 
-/// What `lsdc weights info` says of a file.
+/// Output of `lsdc weights info` on a file.
 fn info(at: &Path, file: &str, args: &[&str]) -> String {
     let run = Command::new(env!("CARGO_BIN_EXE_lsdc"))
         .current_dir(at)
@@ -693,7 +693,7 @@ fn weights_tell_what_they_were_made_from() {
     ];
     train(at, &[&short[..], &next].concat());
 
-    // Frames to calibrate on, of a slope.
+    // Frames for calibration, showing a slope.
     std::fs::create_dir_all(at.join("frames/train")).unwrap();
     let depths = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32 / 32.0).collect();
     let depths = lsdc_eval::data::DepthMap::new(64, 48, depths).unwrap();
@@ -726,7 +726,7 @@ fn weights_tell_what_they_were_made_from() {
         "weights convert --precision f16",
     ];
     assert_eq!(by, expected);
-    // Nothing that was told before is lost or changed.
+    // Earlier entries are neither lost nor changed.
     assert_eq!(history(at, "a/weights.safetensors"), made[..1]);
     assert_eq!(history(at, "b/weights.safetensors"), made[..2]);
     assert_eq!(history(at, "d.safetensors"), made[..4]);
@@ -748,7 +748,7 @@ fn weights_tell_what_they_were_made_from() {
     assert_eq!(first["seconds"].as_f64(), Some(seconds.sum()));
     assert_eq!(first["ended"].as_str().unwrap().len(), 20);
 
-    // Which weights took part, by the bytes of their files, and what a teacher was made from.
+    // The weights used, by the bytes of their files, and the history of the teacher.
     let bytes = std::fs::read(at.join("a/weights.safetensors")).unwrap();
     let contents = format!("{:016x}", lsdc_rng::hash(&[bytes]));
     let of = &made[1]["of"];

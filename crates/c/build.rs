@@ -1,4 +1,4 @@
-//! How the shared library presents itself to the linker and the loader.
+//! Linker arguments of the shared library.
 
 #[allow(unreachable_pub)]
 #[path = "src/abi.rs"]
@@ -15,7 +15,7 @@ fn main() {
         }
         Ok("linux" | "freebsd" | "netbsd" | "openbsd") => {
             println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,liblsdc.so.{version}");
-            // Its threads may outlive the last handle for a moment, and must not lose their code.
+            // Threads may briefly outlive the last handle, so their code must stay loaded.
             println!("cargo::rustc-cdylib-link-arg=-Wl,-z,nodelete");
         }
         _ => {}

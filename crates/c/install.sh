@@ -3,9 +3,8 @@
 #
 #     crates/c/install.sh PREFIX
 #
-# With LSDC_BUILT set, what `cargo build --release` of the workspace has built is installed.
-# DESTDIR is put before PREFIX, as packagers expect. What is installed can be moved: its files refer to each other by relative paths.
-# Linux and other systems with ELF, and macOS.
+# With LSDC_BUILT set, installs what `cargo build --release` of the workspace has built. DESTDIR is prepended to PREFIX, as
+# packagers expect. The installed files use relative paths, so they can be moved. For ELF systems such as Linux, and macOS.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)
@@ -18,7 +17,7 @@ built="${CARGO_TARGET_DIR:-$root/target}/release"
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -1)
 abi=$(sed -n 's/.*LSDC_ABI_VERSION: u32 = \([0-9]*\);/\1/p' "$here/src/abi.rs")
 
-# As `rustc --print native-static-libs` lists them.
+# The libraries listed by `rustc --print native-static-libs`.
 case "$(uname)" in
   Darwin)
     ending=dylib file="liblsdc.$version.dylib" name="liblsdc.$abi.dylib" link=liblsdc.dylib

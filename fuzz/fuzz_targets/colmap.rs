@@ -1,4 +1,4 @@
-//! Sparse models of COLMAP: the first byte selects the file that the others are in.
+//! Sparse models of COLMAP: the first byte selects the file that contains the other bytes.
 
 #![no_main]
 
@@ -27,7 +27,7 @@ fuzz_target!(|data: &[u8]| {
                 write(path.with_file_name(format!("{name}.txt")), text).expect("a file");
             }
         }
-        // Rigs and frames are of the form of the images.
+        // Rigs and frames have the same format as the images.
         if own > 2 && endings[0] == "bin" {
             for name in &names[..3] {
                 write(path.with_file_name(format!("{name}.bin")), [0; 8]).expect("a file");

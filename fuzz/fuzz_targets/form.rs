@@ -14,7 +14,7 @@ fuzz_target!(|data: &[u8]| {
         1 => {
             form("multipart/form-data; boundary=b", data);
         }
-        // Random bytes are no form: they become the parts of a valid one.
+        // Random bytes are not a form: use them as the parts of a valid one.
         _ => {
             let mut parts = data.splitn(4, |&byte| byte == b'|');
             let mut body = Vec::new();

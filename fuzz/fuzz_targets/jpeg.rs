@@ -1,4 +1,4 @@
-//! The check of JPEG files that were cut off.
+//! The check for truncated JPEG files.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Tables of points as text, of pixels and as a cloud.
+//! Text tables of points, as pixels and as a cloud.
 
 #![no_main]
 

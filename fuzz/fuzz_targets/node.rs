@@ -1,4 +1,4 @@
-//! Messages of the topics of a node in any order: each image is returned once, whatever was sent before.
+//! Messages on the topics of a node in any order: each image is returned once, regardless of earlier messages.
 
 #![no_main]
 

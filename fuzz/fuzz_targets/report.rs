@@ -1,4 +1,4 @@
-//! Reports that are read back to be joined.
+//! Reports that are read to be merged.
 
 #![no_main]
 

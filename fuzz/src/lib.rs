@@ -1,4 +1,4 @@
-//! Helpers of the targets.
+//! Helper functions of the targets.
 
 #[cfg(feature = "evaluation")]
 use lsdc_eval::data::{DataConfig, DatasetKind, Split};
@@ -6,11 +6,11 @@ use lsdc_recordings::{FrameOptions, Frames, Recording, Survey};
 use std::path::Path;
 use std::sync::Once;
 
-/// Readers catch panics of the libraries that they call; only panics that escape them are findings. libFuzzer's
-/// hook would end the run before.
+/// Readers catch panics of the libraries that they call; only panics that escape are findings. libFuzzer's hook would end the
+/// run before they are caught.
 static HOOK: Once = Once::new();
 
-/// Puts the bytes into a file of this name in a folder of its own.
+/// Writes the bytes to a file of this name in a temporary folder, and reads it.
 pub fn with_file(data: &[u8], name: &str, read: impl FnOnce(&Path)) {
     HOOK.call_once(|| std::panic::set_hook(Box::new(|_| ())));
     let folder = tempfile::tempdir().expect("a folder");
@@ -20,14 +20,14 @@ pub fn with_file(data: &[u8], name: &str, read: impl FnOnce(&Path)) {
     read(&path);
 }
 
-/// Puts all bytes but the first into a file, whose name the first byte selects.
+/// Writes all bytes but the first to a file, whose name the first byte selects, and reads it.
 pub fn with_one_of(data: &[u8], names: &[&str], read: impl FnOnce(&Path)) {
     if let Some((&kind, data)) = data.split_first() {
         with_file(data, names[usize::from(kind) % names.len()], read);
     }
 }
 
-/// Puts the bytes into a file of this name and reads the dataset around it.
+/// Writes the bytes to a file of this name, and reads the dataset that contains it.
 #[cfg(feature = "evaluation")]
 pub fn with_dataset(data: &[u8], name: &str, kind: DatasetKind) {
     with_file(data, name, |path| {
@@ -45,7 +45,7 @@ pub fn with_dataset(data: &[u8], name: &str, kind: DatasetKind) {
     });
 }
 
-/// Counts what is in a recording, and reads its frames with each topic of points.
+/// Surveys a recording, and reads its frames with each topic of points.
 pub fn recording(path: &Path) {
     let Ok(mut recording) = Recording::open(path) else {
         return;

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""What a cluster costs: frames a second and core of `python -m lsdc.ray`, beside `lsdc complete` on the same folder.
+"""Overhead of a cluster: frames per second and core of `python -m lsdc.ray` and of `lsdc complete` on the same folder.
 
     python3 python/benchmarks/cluster.py [--frames 60] [--rounds 2] [--cores 2]
 
-Both complete the same pictures of the room of this repository (304x228, 500 points) on all cores and write float32, in
-turns, once N frames and once 3 N: the difference is the cost of 2 N frames, and what remains is that of starting. Needs
-`lsdc[ray]` and the program (`LSDC_PROGRAM`, by default what cargo built). Also prints the largest memory of a worker.
+Both complete copies of the room of this repository (304x228, 500 points) on all cores and write float32, in turns, N
+frames and 3 N frames: the difference is the time of 2 N frames, and the rest is the start-up time. Needs `lsdc[ray]` and
+the program (`LSDC_PROGRAM`, by default the one built by cargo). Also prints the largest memory of a worker.
 """
 
 import argparse

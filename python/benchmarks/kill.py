@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Kills workers and nodes while a cluster completes frames, and counts what is lost, doubled or different.
+"""Kills workers and nodes while a cluster completes frames, and counts frames that are lost, duplicated or different.
 
     python3 python/benchmarks/kill.py [--frames 2000] [--nodes 3] [--seed 0]
 
-Starts a cluster of several nodes on this machine, runs `python -m lsdc.ray` on it, and at random moments kills a worker
-process; a whole node, which is replaced; or the command itself, which is started again. Then every key must be there
-once, with the bits that one process computes.
-Needs `lsdc[ray]`. Prints a table; the exit code is 1 if a frame was lost, doubled, differs or failed.
+Starts a cluster of several nodes on this machine, runs `python -m lsdc.ray` on it, and at random times kills a worker
+process; a whole node, which is replaced; or the command itself, which is restarted. In the end, every key must exist
+once, with the same bits as from one process.
+Needs `lsdc[ray]`. Prints a table; the exit code is 1 if a frame was lost, duplicated, different or failed.
 """
 
 import argparse
@@ -28,12 +28,12 @@ import lsdc.ray
 
 WIDTH, HEIGHT = 96, 72
 
-# Of workers, nodes and commands among victims.
+# Shares of workers, nodes and commands among victims.
 SHARES = (0.7, 0.25, 0.05)
 
 
 def write_frames(folder: Path, count: int) -> None:
-    """Slanted, tinted planes with 40 depths each, all different."""
+    """Writes different slanted, tinted planes with 40 depths each."""
     down, across = np.mgrid[:HEIGHT, :WIDTH]
     for name in ("images", "sparse"):
         (folder / name).mkdir()
@@ -60,7 +60,7 @@ class Victims:
         settings |= {"health_check_timeout_ms": 1000, "health_check_failure_threshold": 3}
         common = {"object_store_memory": 80 << 20, "include_dashboard": False}
         self._common = common
-        # The head has the job and no work: whoever loses it starts the command again.
+        # The head node runs the job but no work: losing it means restarting the command.
         head = {**common, "num_cpus": 0, "_system_config": settings}
         self.cluster = Cluster(initialize_head=True, head_node_args=head)
         self._nodes = [self._added() for _ in range(nodes)]
@@ -69,7 +69,7 @@ class Victims:
         return self.cluster.add_node(num_cpus=1, object_store_memory=self._common["object_store_memory"])
 
     def kill_node(self, rng: random.Random) -> None:
-        """Its raylet at once, without a word, and so its workers."""
+        """Kills the raylet of a node without warning, and thereby its workers."""
         victim = self._nodes.pop(rng.randrange(len(self._nodes)))
         self.cluster.remove_node(victim, allow_graceful=False)
         self._nodes.append(self._added())
@@ -86,7 +86,7 @@ class Victims:
 
 
 def _workers(node) -> list[int]:
-    """Processes of actors that complete frames, among the children of a node's raylet."""
+    """Returns the actor processes that complete frames, among the children of a node's raylet."""
     raylets = [process.process.pid for process in node.all_processes.get("raylet", [])]
     found = []
     for raylet in raylets:
@@ -102,7 +102,7 @@ def _workers(node) -> list[int]:
 
 
 def compared(folder: Path, dest: Path) -> tuple[int, int, int, int]:
-    """Frames lost, doubled, with other bits than one process computes, and without a depth."""
+    """Counts frames that are lost, duplicated, different from one process, and without a depth."""
     rows = pq.read_table(dest / "data").to_pylist()
     count = Counter(row["key"] for row in rows)
     names = {path.stem for path in (folder / "images").iterdir()}

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""What Python costs: importing, calling, and many threads.
+"""Overhead of Python: imports, calls, and many threads.
 
     python3 python/benchmarks/overhead.py [--images 48]
 
-Prints the median time of `import lsdc` and of NumPy alone in new processes; the time of calls less that of the
-library inside them, by its own clock; and images a second by eight threads of Python, to compare with
+Prints the median time of `import lsdc` and of NumPy alone in new processes; the time of calls minus the time measured by
+the library; and images per second with eight Python threads, for comparison with
 
     cargo run --release -p lsdc-core -p lsdc-python --example batch IMAGES
 """
@@ -26,14 +26,14 @@ ROOM = Path(__file__).parents[2] / "assets/room"
 
 
 def importing(module: str) -> float:
-    """Seconds, by a clock in the new process."""
+    """Returns the seconds of an import, measured in a new process."""
     script = f"import time; t = time.perf_counter(); import {module}; print(time.perf_counter() - t)"
     runs = [subprocess.run([sys.executable, "-c", script], capture_output=True, check=True) for _ in range(9)]
     return statistics.median(float(run.stdout) for run in runs)
 
 
 def calling(image: np.ndarray, sparse: np.ndarray) -> tuple[float, float]:
-    """Seconds of a scene and a fit, and how much of them was spent outside the library."""
+    """Returns the seconds of a scene and a fit, and the part spent outside the library."""
     completer = lsdc.Completer()
     whole, outside = [], []
     for _ in range(30):
@@ -47,7 +47,7 @@ def calling(image: np.ndarray, sparse: np.ndarray) -> tuple[float, float]:
 
 
 def throughput(image: np.ndarray, sparse: np.ndarray, count: int) -> float:
-    """Images a second, as in crates/core/examples/batch.rs."""
+    """Returns images per second, as in crates/core/examples/batch.rs."""
     completer = lsdc.Completer("small")
     images = [np.minimum(image.astype(int) + i % 4 * 10, 255).astype(np.uint8) for i in range(count)]
 

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Time and error of lsdc beside what OpenCV and SciPy offer, on the room of the repository, in turns.
+"""Time and error of lsdc and of methods of OpenCV and SciPy, in turns, on the room of the repository.
 
     pip install ./python opencv-python-headless scipy pillow
     python3 python/benchmarks/peers.py [--rounds 7]
 
-Prints the table of python/README.md: the median time from image and sparse depths to the dense map, and its error
-to the truth.
+Prints the table of python/README.md: the median time from image and sparse depths to the dense map, and the error of the
+map.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def nearest(image: Map, sparse: Map) -> Map:
 
 
 def linear(image: Map, sparse: Map) -> Map:
-    """Outside the convex hull, the nearest depth."""
+    """Linear interpolation; outside the convex hull, the nearest depth."""
     between = griddata(*grid(sparse), method="linear")
     return np.where(np.isnan(between), nearest(image, sparse), between)
 
@@ -57,10 +57,10 @@ def thin_plates(image: Map, sparse: Map) -> Map:
 
 
 def bilateral(image: Map, sparse: Map) -> Map:
-    """A joint bilateral filter: the mean of the nearest 16 depths, weighted by distance and likeness of colour."""
+    """A joint bilateral filter: the mean of the nearest 16 depths, weighted by distance and colour similarity."""
     places, depths, (down, across) = grid(sparse)
     pixels = np.column_stack([down.ravel(), across.ravel()])
-    # All at once: 500 points are few.
+    # 500 points are few enough for a single array.
     squares = ((pixels[:, None] - places[None]) ** 2).sum(-1)
     chosen = np.argpartition(squares, 16, axis=1)[:, :16]
     far = np.take_along_axis(squares, chosen, axis=1)
@@ -107,7 +107,7 @@ def main() -> None:
             errors[name] = depth - truth
     print("| method | ms | RMSE | mean relative error |\n|---|---|---|---|")
     for name, error in errors.items():
-        # The first round prepares.
+        # The first round is a warm-up.
         milliseconds = 1000 * statistics.median(times[name][1:])
         rmse, relative = np.sqrt(np.mean(error**2)), np.mean(np.abs(error) / truth)
         print(f"| {name} | {milliseconds:.0f} | {rmse:.3f} m | {100 * relative:.1f} % |")

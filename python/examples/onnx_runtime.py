@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Completes an image whose network runs in ONNX Runtime, and compares the depths with those of lsdc alone.
+"""Completes an image with the network running in ONNX Runtime, and compares the depths with those of lsdc alone.
 
     pip install lsdc onnxruntime pillow
     lsdc weights export default --onnx default.onnx
     python3 onnx_runtime.py default.onnx assets/room/rgb.png assets/room/sparse.npy
 
-Any other runtime that reads ONNX takes the place of ONNX Runtime, on any device.
+Any other runtime that reads ONNX can be used instead, on any device.
 """
 
 import argparse
@@ -26,7 +26,7 @@ def main() -> None:
 
     session = onnxruntime.InferenceSession(args.network)
     completer = lsdc.Completer(args.weights)
-    # Resized as for training; any other size is possible, at the cost of accuracy.
+    # Resized as for training; other sizes are possible, but less accurate.
     inputs = {"image": completer.network_input(args.image)}
     outputs = session.run(["basis", "affinities"], inputs)
     scene = completer.scene(args.image, outputs=outputs)

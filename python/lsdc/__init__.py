@@ -2,10 +2,10 @@
 
 >>> depth = lsdc.complete(image, sparse)          # (H, W) float32, metres
 
-A network turns the image alone into basis functions, which a fit then combines to match the depths. For an image whose
-points change, run the network once (`Completer.scene`) and fit as often as you like (`Scene.complete`); a `Completion`
-knows standard deviations, residuals, leave-one-out errors and outliers, and is a `point_cloud`. For a folder or a video
-there is `complete_many`.
+A network computes basis functions from the image alone, and a fit combines them to match the depths. For an image whose
+points change, run the network once (`Completer.scene`) and fit as often as you like (`Scene.complete`). A `Completion` has
+standard deviations, residuals, leave-one-out errors, outliers and a `point_cloud`. For a folder or a video, use
+`complete_many`.
 """
 
 from ._alignment import Alignment, Shift

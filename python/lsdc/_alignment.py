@@ -1,4 +1,4 @@
-"""Whether points lie where the images show them."""
+"""Alignment of points with images."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from ._pickling import Unpicklable
 
 
 class Shift(NamedTuple):
-    """The shift of the points at which they fit the images best."""
+    """The shift at which the points fit the images best."""
 
     u: float
     """To the right, in pixels of the image."""
     v: float
     """Down, in pixels of the image."""
     error: float
-    """Mean leave-one-out error of the points where they are, over their depth."""
+    """Mean leave-one-out error of the unshifted points, relative to their depth."""
     error_moved: float
-    """The same of the moved points."""
+    """The same error of the shifted points."""
     standard_errors: float
-    """The gain in log-likelihood over its standard error."""
+    """The gain in log-likelihood, divided by its standard error."""
     frames: int
-    """Frames that this is the evidence of."""
+    """Number of frames with evidence."""
     is_clear: bool
-    """Whether chance does not explain it: 6 standard errors in five frames or more, 9 in fewer, and 5 % of the error."""
+    """Whether chance does not explain it: a gain of 6 standard errors in five frames or more, 9 in fewer; error 5 % lower."""
 
     def __str__(self) -> str:
         return (
@@ -34,8 +34,8 @@ class Shift(NamedTuple):
 
 
 class Alignment(Unpicklable):
-    """The evidence of frames for a shift between points and image, made by `Scene.alignment`; `Alignment()` is none.
-    The sum of two is the evidence of both."""
+    """Evidence from frames of a shift between points and image, from `Scene.alignment`. `Alignment()` has no evidence; sums
+    combine evidence."""
 
     _instead = "send the completer, the image and the points, and make it there"
 
@@ -44,12 +44,12 @@ class Alignment(Unpicklable):
 
     @property
     def points(self) -> int:
-        """The number of points that were compared, over all frames."""
+        """Number of points compared in all frames."""
         return 0 if self._native is None else self._native.points
 
     @property
     def shift(self) -> Shift | None:
-        """The best of the shifts, clear or not; `None` without evidence."""
+        """The best shift, whether it is clear or not; `None` without evidence."""
         found = None if self._native is None else self._native.shift()
         return None if found is None else Shift(*found)
 

@@ -1,4 +1,4 @@
-"""Cameras: from points in space to points of an image, and back."""
+"""Cameras: projection of points in space to an image, and back."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ._input import Array, Size, as_array, as_positions, as_size
 
 Floats = NDArray[np.float64]
 Lens = Literal["pinhole", "radtan", "fisheye"]
-# And how many coefficients they have.
+# Lenses and their numbers of coefficients.
 LENSES: dict[Lens, int] = {"pinhole": 0, "radtan": 8, "fisheye": 4}
-# Those, and what ROS calls them.
+# Lenses by their names, including those of ROS.
 MODELS: dict[str, Lens] = {
     "pinhole": "pinhole",
     "radtan": "radtan",
@@ -31,7 +31,7 @@ MODELS: dict[str, Lens] = {
 
 @dataclass(frozen=True)
 class Cloud:
-    """The points of a cloud that a camera sees, and counts of those that it does not see."""
+    """The points of a cloud that a camera sees, and the numbers of those that it does not see."""
 
     points: Floats
     """Rows x, y, depth of the visible ones `(N, 3)`, for `Scene.complete`."""
@@ -50,25 +50,25 @@ class Camera:
     """A calibrated camera with its pose in the world. Axes as in OpenCV: x to the right, y down, z forwards; the
     centre of the first pixel is (0, 0).
 
-    `Camera.from_file` reads one, `Camera.from_matrix` takes the matrix of OpenCV, Open3D or ROS.
+    `Camera.from_file` reads a file, `Camera.from_matrix` takes the matrix of OpenCV, Open3D or ROS.
 
     Parameters
     ----------
     focal, center : (float, float)
         Focal lengths and principal point in pixels.
     lens : "pinhole", "radtan" or "fisheye"
-        With `coefficients` as in OpenCV: k1, k2, p1, p2, k3 to k6, or those of its fisheye module, k1 to k4. Those
-        left out are 0.
+        With `coefficients` as in OpenCV: k1, k2, p1, p2, k3 to k6, or k1 to k4 of its fisheye module. Missing
+        coefficients are 0.
     rotation : array (3, 3), translation : array (3,)
         From the world to the camera: points are first rotated, then translated.
     size : (width, height), optional
-        Of the image that the numbers belong to. Where it is known, the camera adapts to the same image with more or fewer
+        Size of the image to which the numbers belong. If given, the camera adapts to the same image with more or fewer
         pixels, and is refused for images of another shape.
 
     Raises
     ------
     InputError, SettingsError
-        Arguments of another shape or type, numbers that no camera has.
+        Arguments of another shape or type, or numbers that no camera has.
 
     >>> camera = lsdc.Camera((100, 100), (31.5, 23.5))
     >>> cloud = camera.see([[0, 0, 2], [0.1, 0, 2], [0, 0, 5], [0, 0, -1]], (64, 48))
@@ -110,7 +110,7 @@ class Camera:
         Raises
         ------
         ReadError
-            A file that is missing or no camera.
+            The file is missing, or is not a camera.
         """
         return cls._of(_native.Camera.read(os.fspath(path)))
 
@@ -133,12 +133,12 @@ class Camera:
             `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`, as from `cv2.calibrateCamera`, from the `intrinsic_matrix` of
             `open3d.camera.PinholeCameraIntrinsic`, or `k` of the camera_info of ROS.
         size : (width, height)
-            Of the image that it belongs to.
+            Size of the image to which the matrix belongs.
         distortion : array, optional
             The coefficients of the lens as OpenCV and ROS order them, of any shape.
         model : str, optional
-            "pinhole", "radtan" ("plumb_bob", "rational_polynomial") or "fisheye" ("equidistant"); in brackets what ROS
-            calls them. By default a lens with coefficients is "radtan", as from `cv2.calibrateCamera`; `cv2.fisheye` needs
+            "pinhole", "radtan" ("plumb_bob", "rational_polynomial") or "fisheye" ("equidistant"), with ROS names in
+            brackets. By default, a lens with coefficients is "radtan", as from `cv2.calibrateCamera`; `cv2.fisheye` needs
             "fisheye".
         rotation, translation
             See `Camera`.
@@ -167,7 +167,7 @@ class Camera:
         if model not in MODELS:
             raise SettingsError(f"`model` is {model!r}", f"models: {', '.join(MODELS)}")
         lens = MODELS[model]
-        # Those that a lens does not have (prisms, tilted sensors) may be 0.
+        # Unsupported coefficients (prisms, tilted sensors) may be 0.
         known = LENSES[lens]
         if not coefficients[known:].any():
             coefficients = coefficients[:known]
@@ -199,9 +199,8 @@ class Camera:
         return _restored, (self.focal, self.center, self.lens, self.coefficients, *pose, self.size)
 
     def with_pose(self, pose: Array) -> Camera:
-        """The same camera at a pose: a matrix `(4, 4)` or `(3, 4)` that leads from the camera to the world, with the axes of
-        OpenCV. A matrix of OpenGL or of `transforms.json` has the axes y and z turned around: give
-        `matrix @ np.diag([1, -1, -1, 1])`.
+        """Returns the same camera at a pose: a camera-to-world matrix `(4, 4)` or `(3, 4)` with the axes of OpenCV. In matrices
+        of OpenGL or `transforms.json`, the axes y and z are reversed: give `matrix @ np.diag([1, -1, -1, 1])`.
 
         >>> pose = np.eye(4)
         >>> pose[:3, 3] = 1, 0, 0
@@ -219,24 +218,24 @@ class Camera:
         )
 
     def scaled(self, across: float, down: float) -> Camera:
-        """The camera for the same image with this many times the columns and rows."""
+        """Returns the camera for the same image with columns and rows scaled by these factors."""
         focal, center = self._native.scaled((across, down))
         size = None if self.size is None else (round(self.size[0] * across), round(self.size[1] * down))
         return _restored(focal, center, self.lens, self.coefficients, self.rotation, self.translation, size)
 
     def see(self, points: Array, size: Size) -> Cloud:
-        """The points `(N, 3)` of the world that are visible in an image of this width and height. Points occluded by
-        nearer surfaces are left out; where the nearer points are sparse, some remain."""
+        """Returns the points `(N, 3)` of the world that are visible in an image of this width and height. Points occluded by
+        nearer surfaces are left out; some remain where the nearer points are sparse."""
         return Cloud(*self._native.see(as_positions(points, 3), *as_size(size, "size")))
 
     def project(self, points: Array) -> Floats:
-        """Rows x, y, depth `(N, 3)` of points `(N, 3)` of the world, in their order; NaN where a point is behind the
-        camera, or beyond what the lens sees. Neither the borders of an image nor occlusion are looked at."""
+        """Projects points `(N, 3)` of the world to rows x, y, depth `(N, 3)`, in their order; NaN if a point is behind the
+        camera or outside the view of the lens. Image borders and occlusion are not considered."""
         return self._native.project(as_positions(points, 3))
 
     def unproject(self, depth: Array) -> Floats:
-        """Points of the world: `(H, W, 3)` of a depth map `(H, W)`, or `(N, 3)` of rows x, y, depth `(N, 3)`. NaN
-        where there is no depth, or beyond what the lens sees.
+        """Returns points of the world: `(H, W, 3)` for a depth map `(H, W)`, or `(N, 3)` for rows x, y, depth `(N, 3)`. NaN at
+        pixels without depth or outside the view of the lens.
 
         >>> lsdc.Camera((100, 100), (31.5, 23.5)).unproject([[36.5, 23.5, 2.0]])
         array([[0.1, 0. , 2. ]])
@@ -279,7 +278,7 @@ def _pair(values: Sequence[float], what: str) -> tuple[float, float]:
 
 
 def _numbers(values: Array, shape: tuple[int, ...] | None, what: str) -> Floats:
-    """Numbers of this shape, or of any shape in one row."""
+    """Converts a value to numbers of this shape, or of any shape flattened."""
     found = as_array(values, what)
     if found.size > 0 and found.dtype.kind not in "fiu":
         raise InputError(f"{what} has values of type {found.dtype}, not numbers")

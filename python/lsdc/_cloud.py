@@ -1,4 +1,4 @@
-"""A depth map in space."""
+"""Point clouds from depth maps."""
 
 from __future__ import annotations
 
@@ -23,16 +23,15 @@ class PointCloud:
     colors: NDArray[np.uint8]
     """Red, green, blue `(N, 3)`."""
     sigma: NDArray[np.float32] | None
-    """The standard deviation of the depth of each point `(N,)`; None if the known depths are too few for an estimate."""
+    """Standard deviation of the depth of each point `(N,)`; None if there are too few known depths for an estimate."""
     uncertain: int
-    """Pixels that are left out because their standard deviation is above `max_sigma` or
-    `max_relative_sigma`."""
+    """Number of pixels left out because their standard deviation is above `max_sigma` or `max_relative_sigma`."""
     unseen: int
-    """Pixels that are left out because the lens does not look there."""
+    """Number of pixels left out because they are outside the view of the lens."""
     flying: int
-    """Pixels that are left out because they lie between the surfaces at a depth edge."""
+    """Number of pixels left out because they lie between the surfaces at a depth edge."""
     merged: int
-    """Pixels that share a voxel with an earlier one."""
+    """Number of pixels that share a voxel with an earlier one."""
 
     def __len__(self) -> int:
         return len(self.points)

@@ -38,11 +38,11 @@ def complete(
     image : array (H, W, 3), (H, W) or (H, W, 4), image of Pillow, or path
         See `Completer.scene`.
     sparse : array (H, W), (N, 3) or (N, 4), tuple of arrays (N,), or path
-        A depth map of the image's shape, with 0 or NaN where there is no measurement; or points, one row x (to the
-        right), y (down), depth[, sigma] each; or a file of either. See `Scene.complete`, also for `sigma`, `noise`,
-        `unit`, `robust`, `guide` and `size`.
+        A depth map of the image's shape, with 0 or NaN at pixels without a measurement; or points as rows x (to the
+        right), y (down), depth[, sigma]; or a file of either. See `Scene.complete`, also for `sigma`, `noise`, `unit`,
+        `robust`, `guide` and `size`.
     weights, threads
-        See `Completer`. Those that come with the package are prepared on first use and kept.
+        See `Completer`. Weights of the package are prepared on first use and cached.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def complete_many(
     workers: int = 2,
     progress: Progress | None = None,
 ) -> Iterator[Completed]:
-    """Completes many images, each with its depths: `Completer.complete_many` with these weights.
+    """Completes many images, each with its own depths: `Completer.complete_many` with these weights.
 
     >>> for done in lsdc.complete_many([image, image], [sparse, sparse * 0], weights="small"):
     ...     print(done.index, done.completion or done.error)

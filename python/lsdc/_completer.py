@@ -28,31 +28,31 @@ HINT = f"give {', '.join(map(json.dumps, NAMES))}, or the path of a weights file
 
 
 class Completer:
-    """A trained network with the settings of the fit: make one, use it for every image, from any thread.
+    """A trained network with the settings of the fit. Create one, and use it for all images, from any thread.
 
     Parameters
     ----------
     weights : name, path or bytes
-        "default", the most accurate that needs nothing installed; "small", for weak machines; "anything", the most
-        accurate of all, on an encoder that the program `lsdc` installs once (`lsdc weights get anything`, or
-        `lsdc weights add FILE` without a network); "none", no network at all, for scenes with a guide; or a weights
-        file as written by `lsdc train`. A file called like one of these is `Path("default")`.
+        "default", the most accurate without an installation; "small", for weak machines; "anything", the most accurate
+        of all, with an encoder that the program `lsdc` installs once (`lsdc weights get anything`, or offline
+        `lsdc weights add FILE`); "none", no network, for scenes with a guide; or a weights file as written by
+        `lsdc train`. For a file with one of these names, give `Path("default")`.
     fit : FitSettings, optional
-        Settings that differ from those stored with the weights, by the names of the program's configuration, such as
+        Settings that differ from those stored with the weights, under the names of the program's configuration, such as
         `{"method": "lse", "joint": {"cosines": 0}}`.
     robust : optional
         Short for `fit={"robust": ...}`: "auto", the name of another loss, or `RobustSettings`.
     working_size : (width, height), optional
-        Images are resized to about as many pixels before they enter the network, instead of to the size of the
-        training images. More pixels cost more time and resolve more edges.
+        Images are resized to about this number of pixels before they enter the network, instead of the size of the
+        training images. More pixels resolve more edges and take more time.
     threads : int, optional
-        Threads of a pool of its own. By default all completers share a pool with a thread for every core (or
-        RAYON_NUM_THREADS). The number of threads changes no bit of a result.
+        Number of threads of a separate pool. By default, all completers share a pool with a thread per core (or
+        RAYON_NUM_THREADS). Results are the same bits for any number of threads.
 
     Raises
     ------
     ReadError, WeightsError, SettingsError
-        A file that cannot be read or is no weights file, an encoder that is not installed, or settings out of range.
+        A file cannot be read or is not a weights file, an encoder is not installed, or settings are out of range.
 
     >>> completer = lsdc.Completer("small")
     >>> completer
@@ -63,7 +63,7 @@ class Completer:
     2.0 m
     4.0 m
 
-    Completers can be pickled: for multiprocessing, Ray and Dask. Weights from a file travel with them.
+    Completers can be pickled, for multiprocessing, Ray and Dask; weights from a file are included.
     """
 
     def __init__(
@@ -113,18 +113,18 @@ class Completer:
 
     @property
     def parameters(self) -> int:
-        """The number of trained parameters of the network."""
+        """Number of trained parameters of the network."""
         return self._native.parameters
 
     @property
     def has_depth_head(self) -> bool:
-        """Whether scenes that are given no guide have that of the depth head of "anything", which is installed with the
-        encoder of these weights."""
+        """Whether scenes without a given guide use the depth head of "anything" as a guide, which is installed with the encoder
+        of these weights."""
         return self._native.has_depth_head
 
     @property
     def threads(self) -> int:
-        """The number of threads that work for this completer."""
+        """Number of threads of this completer."""
         return self._here().threads
 
     def scene(
@@ -135,26 +135,26 @@ class Completer:
         outputs: Sequence[Array] | None = None,
         order: Order = "rgb",
     ) -> Scene:
-        """Runs the network on an image, and computes everything that depends on the image alone.
+        """Runs the network on an image, and computes everything that depends only on the image.
 
         Parameters
         ----------
         image : array (H, W, 3), (H, W) or (H, W, 4), image of Pillow, or path
             Unsigned integers of 8 or 16 bits, or floats from 0 to 1. The fourth channel is ignored.
         guide : DepthGuide, array (H, W) or "none", optional
-            A prediction of its depth by other means; an array is one of depths. By default, that of the depth head of
-            the weights "anything", if it is installed; "none" switches this off.
+            A depth prediction from another source; an array contains depths. By default, the prediction of the depth head
+            of the weights "anything", if it is installed; "none" switches this off.
         outputs : (basis, affinities), optional
-            Basis functions (functions, H', W') and affinities (2, H', W') that another program computed, in place of
-            the network: with weights from `lsdc weights export`, from `network_input(image)`. Points between their pixels
-            read interpolated basis functions.
+            Basis functions (functions, H', W') and affinities (2, H', W') computed by another program instead of the
+            network, from `network_input(image)` with weights from `lsdc weights export`. Basis functions are interpolated
+            at points between their pixels.
         order : "rgb" or "bgr"
             The order of the colours in memory: "bgr" as read by OpenCV.
 
         Raises
         ------
         InputError
-            Not an image, or one with colours that are NaN or far above 1; outputs of other shapes.
+            Not an image, or colours that are NaN or far above 1; outputs of other shapes.
         """
         if isinstance(guide, str) and guide != "none":
             raise InputError(f'`guide` is "{guide}", neither a map nor "none"')
@@ -163,9 +163,9 @@ class Completer:
         return Scene(self._here().scene(*as_image(image, order), known, given, guide is None))
 
     def network_input(self, image: ImageLike, *, order: Order = "rgb") -> NDArray[np.float32]:
-        """The input of the network for an image, `(1, 3, H', W')`: resized to the working size, colours from 0 to 1.
+        """Returns the network input for an image, `(1, 3, H', W')`: resized to the working size, colours from 0 to 1.
 
-        The network of `lsdc weights export` reads it in another program, whose outputs `scene` takes.
+        Another program can run the network of `lsdc weights export` on it; `scene` takes the outputs.
 
         >>> lsdc.Completer("small").network_input(image).shape
         (1, 3, 228, 304)
@@ -207,27 +207,27 @@ class Completer:
         workers: int = 2,
         progress: Progress | None = None,
     ) -> Iterator[Completed]:
-        """Completes many images, each with its depths. Images, points and results are in memory for `workers` images at a
-        time, whatever their number, unless you keep them.
+        """Completes many images, each with its own depths. Images, points and results of only `workers` images are in memory at
+        a time, unless you keep them.
 
         Parameters
         ----------
         images, points, guides : iterables of the same length
-            Arrays or paths, as for `complete`. They are drawn from as images are done, so that generators can read them.
+            Arrays or paths, as for `complete`. Items are requested as images are completed, so generators can read them.
         sigma : number, optional
-            The standard deviation of all depths; deviations of their own are a fourth column of the points.
+            Standard deviation of all depths; for individual ones, use a fourth column of the points.
         noise, unit, robust, size, order
             As for `complete`.
         workers : int
-            Images that are read and completed at the same time. All share the threads of the completer; two keep them
-            busy while files are read.
+            Number of images that are read and completed at the same time. All share the threads of the completer; two keep
+            them busy while files are read.
         progress : callable, optional
-            Is called with the number of images that are done, and that of all (None if no argument has a length).
+            Called with the number of completed images and the total (None if no argument has a length).
 
         Yields
         ------
         Completed
-            One for each image, in their order: its `completion`, or the `error` that it failed with. The others go on.
+            One for each image, in their order: its `completion`, or its `error`. An error does not stop the other images.
 
         >>> names = ["a", "b"]
         >>> for done in lsdc.Completer("small").complete_many([image, image], [sparse, 2 * sparse]):
@@ -257,27 +257,27 @@ class Completer:
         workers: int = 2,
         progress: Progress | None = None,
     ) -> Iterator[Completed]:
-        """Completes the images of a sequence, each with its points and those of its neighbours, carried over by their poses.
+        """Completes the images of a sequence, each with its points and those of its neighbours, transferred by their poses.
 
         Parameters
         ----------
         images : iterable
-            Arrays or paths, drawn from as images are done.
+            Arrays or paths, requested as images are completed.
         views : sequence of PosedView
             One for each image: its points, its camera and its pose.
         count : int
-            The most neighbours of an image.
+            Largest number of neighbours of an image.
         only_past : bool
-            Whether only earlier views are neighbours, as online.
+            Whether only earlier views are neighbours, as in online use.
         max_points : int
-            The most points that are carried over to an image.
+            Largest number of points transferred to an image.
         robust, size, order, workers, progress
             As for `complete_many`.
 
         Yields
         ------
         Completed
-            One for each image, in their order. What became of the points of neighbours is in `completion.views`.
+            One for each image, in their order. `completion.views` reports on the points of neighbours.
 
         >>> camera = lsdc.Camera((60, 60), (31.5, 23.5), size=(64, 48))
         >>> wall = np.stack(np.meshgrid(np.arange(2.0, 64, 9), np.arange(2.0, 48, 9), 2.0), axis=-1).reshape(-1, 3)
@@ -330,7 +330,7 @@ def _restored(
 
 
 def _loaded(weights: Weights) -> tuple[str, str | bytes]:
-    """What to call weights, and a name that the extension module knows or the bytes of a file."""
+    """Returns a name for messages, and a name known to the extension module or the bytes of a file."""
     if isinstance(weights, (bytes, bytearray, memoryview)):
         return f"<{len(weights)} bytes>", bytes(weights)
     if isinstance(weights, str) and weights in NAMES:

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outliers:
-    """The depths that are more likely wrong than right, judged by the others; the worst first. All arrays `(M,)`."""
+    """The depths that are more likely outliers than inliers, judged by the others; worst first. All arrays `(M,)`."""
 
     index: NDArray[np.int64]
     """Row among the given points."""
@@ -43,8 +43,8 @@ class Outliers:
 class Completion(Unpicklable):
     """A scene fitted to known depths.
 
-    Everything beyond the fit is computed when it is first asked for, and then kept, as arrays that cannot be written
-    to (`.copy()` can). Depths are metres along the optical axis, or the unit of the floats that were given.
+    Everything beyond the fit is computed on first use and cached, as read-only arrays (use `.copy()` to modify them). Depths
+    are along the optical axis, in metres or in the unit of the given floats.
 
     >>> completion = lsdc.Completer("small").complete(image, sparse)
     >>> completion.depth.shape, completion.depth.dtype
@@ -80,23 +80,23 @@ class Completion(Unpicklable):
         return _kept(self.depth_at(self._size))
 
     def depth_at(self, size: Size) -> NDArray[np.float32]:
-        """The dense depth at another width and height, computed anew."""
+        """Computes the dense depth at another width and height."""
         return self._native.depth_at(*as_size(size, "size"))
 
     @cached_property
     def standard_deviation(self) -> NDArray[np.float32]:
-        """The standard deviation of the error of every pixel `(H, W)`: 68.27 % of errors are expected to be smaller.
-        Errors have heavier tails than normal ones; `interval` says how many deviations hold another share.
+        """The standard deviation of the depth error at every pixel `(H, W)`: 68.27 % of errors are expected to be smaller.
+        Errors have heavier tails than a normal distribution; `interval` gives the number of deviations for another share.
 
-        Raises `FitError` if the points are too few for an estimate."""
+        Raises `FitError` if there are too few points for an estimate."""
         return _kept(self.standard_deviation_at(self._size))
 
     def standard_deviation_at(self, size: Size) -> NDArray[np.float32]:
-        """The standard deviations at another width and height, computed anew."""
+        """Computes the standard deviations at another width and height."""
         return self._native.standard_deviation_at(*as_size(size, "size"))
 
     def interval(self, level: float) -> float:
-        """The number of standard deviations around the depth that hold a share of errors between 0 and 1.
+        """Returns the number of standard deviations around the depth that contain a share of errors between 0 and 1.
 
         >>> round(lsdc.Completer("small").complete(image, sparse).interval(0.6827), 2)
         1.0
@@ -105,11 +105,11 @@ class Completion(Unpicklable):
 
     @property
     def freedom(self) -> float | None:
-        """The degrees of freedom of the distribution of errors; None if it is taken to be normal."""
+        """Degrees of freedom of the distribution of errors; None if it is assumed to be normal."""
         return self._native.freedom()
 
     def at(self, positions: Array) -> NDArray[np.float32]:
-        """The depth `(N,)` at positions `(N, 2)` of x and y in the image, which may lie between pixels."""
+        """Returns the depth `(N,)` at positions `(N, 2)` of x and y in the image, which may lie between pixels."""
         return self._native.at(as_positions(positions))
 
     def point_cloud(
@@ -122,31 +122,31 @@ class Completion(Unpicklable):
         voxel: float | None = None,
         keep_flying: bool = False,
     ) -> PointCloud:
-        """The depth map in space, with the colours of the image.
+        """Returns the depth map as a point cloud with the colours of the image.
 
         Parameters
         ----------
         camera : Camera
-            Of the image; with a `size`, of the image at that size.
+            Camera of the image; with `size`, of the image at that size.
         size : (width, height), optional
-            Of the map whose pixels become points; by default that of the maps of this completion.
+            Size of the map whose pixels become points; by default the size of this completion's maps.
         max_sigma : float, optional
             Leaves out pixels with a larger standard deviation, in metres.
         max_relative_sigma : float, optional
-            Leaves out pixels whose standard deviation is a larger share of their depth. Those above the default count as not
-            measured; None keeps them.
+            Leaves out pixels whose standard deviation, relative to their depth, is larger. Pixels above the default count as
+            not measured; None keeps them.
         voxel : float, optional
             Keeps one point in each cube of this edge length, in metres: the mean of its pixels.
         keep_flying : bool
-            Keeps the flying pixels: those between the surfaces at a depth edge. A pixel is one if the surface along a row,
-            a column or a diagonal is seen at more than 80 degrees from its normal, and does not go on as a plane.
+            Keeps flying pixels, which lie between the surfaces at a depth edge: pixels at which the surface along a row, a
+            column or a diagonal is seen at more than 80 degrees from its normal, and does not continue as a plane.
 
         Raises
         ------
         InputError
-            A camera of an image of another shape.
+            The camera belongs to an image of another shape.
         FitError
-            `max_sigma`, but too few points for an estimate of the standard deviations.
+            `max_sigma` is given, but there are too few points for an estimate of the standard deviations.
 
         >>> completion = lsdc.Completer("small").complete(image, sparse)
         >>> cloud = completion.point_cloud(lsdc.Camera((60, 60), (31.5, 23.5)))
@@ -158,35 +158,35 @@ class Completion(Unpicklable):
 
     @cached_property
     def points(self) -> Floats:
-        """The given depths `(N, 3)`, as rows x, y, depth; of a map, its measurements row by row."""
+        """The given depths `(N, 3)`, as rows x, y, depth; for a map, its measurements row by row."""
         return _kept(self._given.table())
 
     @cached_property
     def residuals(self) -> Floats:
-        """For every given depth `(N,)`, it minus the fitted depth; NaN for those that were not used."""
+        """Every given depth minus the fitted depth `(N,)`; NaN for depths that were not used."""
         return self._own(self._native.residuals())
 
     @cached_property
     def leave_one_out(self) -> Floats:
-        """For every given depth `(N,)`, it minus what a fit to all others predicts there; NaN for those that were not
-        used, and for those that the fit passes through whatever their depths are."""
+        """Every given depth minus the prediction of a fit to all others `(N,)`; NaN for depths that were not used, and for
+        depths that the fit interpolates whatever their values are."""
         return self._own(self._native.leave_one_out())
 
     @cached_property
     def leave_one_out_error(self) -> float | None:
-        """The root mean square of the leave-one-out errors, which estimates the error between the points without
-        ground truth, if the points are distributed like the pixels; None if there are none."""
+        """Root mean square of the leave-one-out errors, an estimate of the error between the points without ground truth,
+        if the points are distributed like the pixels; None if there are no such errors."""
         return self._native.leave_one_out_error()
 
     @cached_property
     def point_weights(self) -> Floats:
-        """The final weight of every given depth `(N,)`: 1 in a plain fit without standard deviations; NaN for those
-        that were not used."""
+        """Final weight of every given depth `(N,)`: 1 in a plain fit without standard deviations; NaN for depths that were
+        not used."""
         return self._own(self._native.point_weights())
 
     @cached_property
     def outliers(self) -> Outliers:
-        """The depths that are more likely wrong than right.
+        """The depths that are more likely outliers than inliers.
 
         >>> wrong = sparse.copy()
         >>> wrong[18, 18] *= 3
@@ -200,22 +200,22 @@ class Completion(Unpicklable):
 
     @cached_property
     def weights(self) -> Floats:
-        """The weights of the basis functions, that of the constant or of the image's map first, followed by those of the
+        """Weights of the basis functions, starting with the constant or the image's map, followed by the weights of the
         cosines; for `Scene.complete(near=...)`."""
         return _kept(self._native.weights())
 
     @property
     def views(self) -> ViewsReport | None:
-        """What became of the points of other views; None of a fit without them."""
+        """Report on the points of other views; None for a fit without them."""
         return self._views
 
     def _own(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Of the given depths, which those of other views follow."""
+        """Selects the entries of the given depths, which precede those of other views."""
         return _kept(values[: len(self._given)])
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The range that depths are clamped to: that of the points, widened by a factor of 10 at both ends."""
+        """Range to which depths are clamped: that of the points, widened by a factor of 10 at both ends."""
         return self._native.limits()
 
     @property
@@ -223,17 +223,17 @@ class Completion(Unpicklable):
         """Statistics of the fit.
 
         - `given`, `used`, `invalid` (depth not positive and finite), `outside` (the image):
-          numbers of points, with those of other views that joined; `given = used + invalid + outside`
-        - `ignored`: values of a map that were NaN, infinite or negative
-        - `without_deviation`: points without a usable standard deviation where others had one
+          numbers of points, including points used from other views; `given = used + invalid + outside`
+        - `ignored`: number of values of a map that were NaN, infinite or negative
+        - `without_deviation`: points without a usable standard deviation, if others have one
         - `smoothed`: dense points that were smoothed by their standard deviations
-        - `limited`: pixels in holes of dense depths at which basis functions contradicted the depths around
+        - `limited`: pixels in holes of dense depths at which basis functions contradicted the surrounding depths
         - `method`: the model of depth
         - `residual`: root mean square of the residuals
-        - `rank`: directions that the points determine, of `functions`
-        - `lambda`: the strength of the prior; `guide_trust`: how far the guide was trusted, 0 for not at all
-        - `median_share`: how far the map goes from the joint fit, 0, to the median of this, the field alone and the surface
-          that the points span, 1
+        - `rank`: number of directions that the points determine, at most `functions`
+        - `lambda`: the strength of the prior; `guide_trust`: trust in the guide, 0 for none
+        - `median_share`: share of the median in the map: 0 is the joint fit, 1 the median of this fit, the field alone and the
+          surface spanned by the points
         - `network`, `fit` (which contains `field` and `solve`): seconds
         """
         report = self._native.report()
@@ -246,8 +246,8 @@ class Completion(Unpicklable):
         return f"<lsdc.Completion {width}x{height}, {report['used']} points, residual {report['residual']:.4f} m>"
 
     def _repr_png_(self) -> bytes:
-        """The depth from blue (near) to red (far), from its 1st to its 99th percentile, for notebooks."""
-        # Pixels of a side that are shown.
+        """The depth from blue (near) to red (far), between its 1st and 99th percentiles, for notebooks."""
+        # Largest side of the picture, in pixels.
         most = 1024
         step = -(-max(self._size) // most)
         depth = self.depth[::step, ::step]

@@ -27,7 +27,7 @@ class Error(Exception):
 
 
 class InputError(Error, ValueError):
-    """An array of a shape, type or content that cannot be used."""
+    """An array has an unusable shape, type or content."""
 
 
 class SettingsError(Error, ValueError):

@@ -20,30 +20,30 @@ Path = Union[str, "os.PathLike[str]"]
 FileUnit = Union[Literal["m", "cm", "mm", "kitti", "tum", "vkitti"], float]
 """Of depths in a file: a name, or the metres of one step."""
 DepthKind = Literal["z", "ray"]
-# The unit, whether it was guessed, and what should be checked.
+# The unit, whether it was guessed, and remarks to be checked.
 _Said = tuple[str, bool, list[str]]
-# Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden; what was said.
+# Rows x, y, depth[, sigma]; numbers of points ignored, outside and hidden; unit and remarks.
 _Points = tuple[NDArray[np.float64], list[int], _Said]
 
 
 def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float32]:
-    """Reads a map of depths: `npy`, `npz`, `png`, `pgm`, `tiff`, `exr`, `pfm` or `h5`.
+    """Reads a depth map: `npy`, `npz`, `png`, `pgm`, `tiff`, `exr`, `pfm` or `h5`.
 
     Parameters
     ----------
     unit : "m", "cm", "mm", "kitti", "tum", "vkitti", or the metres of one step
-        If the file does not say: without it, integers are taken for millimetres and other numbers for metres, with a
-        `FileWarning`.
+        Unit of the depths, if it is not in the file. Without it, integers are taken for millimetres and other numbers for
+        metres, with a `FileWarning`.
 
     Returns
     -------
     array (H, W) of float32
-        Metres; 0 where there is no depth.
+        Metres; 0 at pixels without depth.
 
     Raises
     ------
     ReadError
-        A file that is missing, damaged, or holds no map.
+        The file is missing, damaged, or contains no map.
     """
     depth, sigma, said = _native.read_depth(os.fspath(path), _name(unit))
     _warn(path, said, [] if sigma is None else ["its standard deviations are left out; `read_points` keeps them"])
@@ -60,20 +60,20 @@ def read_points(
     Parameters
     ----------
     size : (width, height)
-        Of the image that the points lie in.
+        Size of the image that contains the points.
     camera : Camera or path
-        Which clouds need: a camera, or the path of one as for `Camera.from_file`.
+        Camera, or its path as for `Camera.from_file`; required for clouds.
     unit
         As for `read_depth`.
     kind : "z" or "ray"
-        What the depths of maps and tables of pixels measure: depth along the optical axis, or the distance along the ray of
-        the pixel, which needs the camera. By default the former.
+        Quantity of depths in maps and tables of pixels: depth along the optical axis (default), or distance along the ray
+        of the pixel, which needs the camera.
 
     Returns
     -------
     array (N, 3) or (N, 4) of float64
         Rows x, y, depth[, sigma] for `Scene.complete`, in pixels and metres; sigma is NaN for points without one. A
-        `FileWarning` tells what was guessed or left out.
+        `FileWarning` reports guesses and omissions.
     """
     seeing = camera if camera is None or isinstance(camera, Camera) else Camera.from_file(camera)
     native = None if seeing is None else seeing._native
@@ -81,20 +81,20 @@ def read_points(
 
 
 class Colmap(Unpicklable):
-    """A sparse model of COLMAP: the folder of `cameras`, `images` and `points3D`, binary or text.
+    """A sparse COLMAP model: a folder with `cameras`, `images` and `points3D`, binary or text.
 
-    Depths are in the unit of the model, whose scale images alone do not tell; completion does not need it.
+    Depths are in the unit of the model. Images alone do not determine its scale, and completion does not need it.
 
     Parameters
     ----------
     folder : path
     files : dict of bytes, optional
-        The contents of these files by name, such as `cameras.bin`, if they are not on a disk; errors name the folder.
+        Contents of these files by name, such as `cameras.bin`, if they are not on a disk; errors name the folder.
 
     Raises
     ------
     ReadError
-        Files that are missing or damaged, an image of an unknown camera.
+        Files are missing or damaged, or an image has an unknown camera.
     """
 
     _instead = "send the folder, and read the model there"
@@ -106,22 +106,22 @@ class Colmap(Unpicklable):
         """The names of the images, and their widths and heights in the model."""
 
     def points(self, name: str, *, size: Size | None = None, exif: int = 1) -> NDArray[np.float64]:
-        """The points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`.
+        """Returns the points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`.
 
         Parameters
         ----------
         name : str
             One of `images`.
         size : (width, height)
-            Of the file, if it is not that of the model.
+            Size of the file, if it differs from the model.
         exif : int from 1 to 8
-            How the file is turned to be upright, as it is completed if it is given by its path: Pillow's
-            `image.getexif().get(0x0112, 1)`. Models know pixels as they are stored.
+            Orientation of the file, Pillow's `image.getexif().get(0x0112, 1)`: images given by path are rotated upright,
+            but models refer to stored pixels.
 
         Raises
         ------
         InputError, ReadError
-            No image of this name, one of other proportions than in the model, or one that sees no point.
+            There is no image of this name, its proportions differ from the model, or it sees no points.
         """
         return _points(name, self._seen(name, size, exif))
 
@@ -135,7 +135,7 @@ class Colmap(Unpicklable):
 
 
 def _name(unit: FileUnit | None) -> str | None:
-    """As the extension module reads it: numbers are steps in a metre."""
+    """Converts a unit for the extension module, in which numbers are steps per metre."""
     return unit if unit is None or isinstance(unit, str) else str(per_metre(unit))
 
 

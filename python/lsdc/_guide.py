@@ -1,4 +1,4 @@
-"""A dense prediction of depth by other means."""
+"""A dense depth prediction from another source."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ GuideKind = Literal["depth", "disparity", "log"]
 
 
 class DepthGuide(Unpicklable):
-    """A dense prediction of the depth of an image, by any other network or program.
+    """A dense depth prediction for an image, from any other network or program.
 
-    Neither unit, scale nor shift need be known, and it may have any size: the fit finds them, and from the points it
-    finds how far the guide is to be trusted (`report["guide_trust"]`).
+    It may have any size, and its unit, scale and shift need not be known: the fit estimates them, and from the points also
+    the trust in the guide (`report["guide_trust"]`).
 
     Parameters
     ----------
     values : array (H, W)
-        Where there is no prediction, NaN; of depths also 0.
+        NaN at pixels without a prediction; for depths, also 0.
     kind : "depth", "disparity" or "log"
-        What the values mean, each up to scale and shift: depths; inverse depths, larger is nearer, as of MiDaS and
+        Quantity of the values, up to scale and shift: depths; inverse depths (larger is nearer), as from MiDaS and
         Depth Anything; or logarithms of depths.
 
     >>> import numpy as np
@@ -44,7 +44,7 @@ class DepthGuide(Unpicklable):
 
     @property
     def missing(self) -> int:
-        """The number of pixels without a usable value, which are filled from their sides."""
+        """Number of pixels without a usable value, which are filled from their neighbours."""
         return self._native.missing
 
     def __repr__(self) -> str:

@@ -1,6 +1,6 @@
-"""Arguments of any kind as contiguous arrays of one type.
+"""Conversion of arguments of any kind to contiguous arrays of one type.
 
-Contiguous arrays of the right type are used as they are, others are copied once.
+Contiguous arrays of the right type are used directly, others are copied once.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ Size = tuple[int, int]
 
 UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
-# In metres. What is larger was meant as steps in a metre.
+# In metres. Larger values were probably meant as steps per metre.
 LARGEST_STEP = 100
 
 
 def as_array(value: Array, what: str) -> NDArray[Any]:
-    """`value` as an array of any layout and type, which shares its memory where possible."""
+    """Returns `value` as an array of any layout and type, sharing its memory if possible."""
     if isinstance(value, np.ndarray):
         return value
     if isinstance(value, (str, bytes, os.PathLike)):
@@ -56,7 +56,7 @@ def as_array(value: Array, what: str) -> NDArray[Any]:
         if hasattr(value, "__dlpack__"):
             try:
                 return np.from_dlpack(cast(Any, value))
-            # Exporters also refuse what NumPy can look at in other ways, as read-only memory.
+            # Exporters also refuse arrays that NumPy can access in other ways, such as read-only memory.
             except (BufferError, RuntimeError, TypeError, ValueError):
                 if not hasattr(value, "__array__"):
                     raise
@@ -70,7 +70,7 @@ def as_array(value: Array, what: str) -> NDArray[Any]:
 
 
 def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
-    """Colours `(H, W, C)`, 8 bits or floats from 0 to 1, and whether blue comes first."""
+    """Returns colours `(H, W, C)`, 8 bits or floats from 0 to 1, and whether blue comes first."""
     if order not in ("rgb", "bgr"):
         raise InputError(f"`order` is {order!r}", 'orders are "rgb" and "bgr"')
     colours = as_array(_unpacked(value), "the image")
@@ -83,7 +83,7 @@ def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
         raise InputError(f"{_shape(colours)} is not the shape of an image", hint)
     bgr = order == "bgr"
     if colours.shape[2] == 3 and colours.strides[2] == -colours.itemsize:
-        # `bgr[..., ::-1]`: as it lies in memory, nothing need be copied.
+        # `bgr[..., ::-1]`: in memory order, the array need not be copied.
         colours, bgr = colours[:, :, ::-1], not bgr
     if (colours.dtype.kind, colours.itemsize) == ("u", 2):
         shown = 1 if colours.shape[2] == 1 else 3
@@ -98,7 +98,7 @@ def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
 
 
 def _unpacked(value: ImageLike) -> Array:
-    """The image in a file, upright, as the program reads it; the colours of palettes, of CMYK and other forms of Pillow's."""
+    """Returns the image in a file, upright, as the program reads it; converts palettes, CMYK and other modes of Pillow."""
     if isinstance(value, (str, os.PathLike)):
         colours, remarks = _native.read_image(os.fspath(value))
         warn(os.fspath(value), remarks, FileWarning)
@@ -112,7 +112,7 @@ def _unpacked(value: ImageLike) -> Array:
 
 
 def as_outputs(value: Sequence[Array]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Basis functions `(functions, H, W)` and affinities `(2, H, W)` of one image, without the axis of a batch of one."""
+    """Returns basis functions `(functions, H, W)` and affinities `(2, H, W)` of one image, without a batch axis."""
     try:
         first, second = value
     except (TypeError, ValueError):
@@ -136,7 +136,7 @@ def as_outputs(value: Sequence[Array]) -> tuple[NDArray[np.float32], NDArray[np.
 
 
 def as_guide(value: Array) -> NDArray[np.float32]:
-    """Values of a guide `(H, W)`."""
+    """Returns the values of a guide `(H, W)`."""
     found = as_array(value, "the guide")
     if found.ndim != 2 or found.dtype.kind not in "fiu":
         raise InputError(f"a guide is a map of numbers (H, W), not {_shape(found)} of {found.dtype}")
@@ -149,7 +149,7 @@ def as_observations(
     unit: Unit | None,
     size: Size,
 ) -> _native.Observations:
-    """Known depths, from a map of the image's shape, or a table, or columns."""
+    """Returns known depths from a map of the image's shape, a table, or columns."""
     if isinstance(sparse, tuple):
         return _points(_stacked(sparse, unit), sigma, unit)
     given = as_array(sparse, "the sparse depths")
@@ -177,13 +177,13 @@ def as_observations(
 
 
 def with_noise(known: _native.Observations, noise: Noise) -> _native.Observations:
-    """The same depths, those without a standard deviation with that of a depth camera."""
+    """Returns the depths with the standard deviations of a depth camera at those that have none."""
     return known.with_noise(noise if isinstance(noise, str) else ",".join(map(str, noise)))
 
 
 def _same_view(map: tuple[int, ...], image: tuple[int, int]) -> bool:
-    """Whether a map has the proportions of an image, but for the rounding to whole pixels. With as many rows or
-    columns, but not both, it was cropped."""
+    """Whether a map has the proportions of an image, up to rounding to whole pixels. A map with the same number of only rows
+    or only columns was cropped."""
     if len(map) != 2 or 0 in map or map[0] == image[0] or map[1] == image[1]:
         return False
     down, across = image[0] / map[0], image[1] / map[1]
@@ -191,7 +191,7 @@ def _same_view(map: tuple[int, ...], image: tuple[int, int]) -> bool:
 
 
 def _stacked(columns: tuple[Array, ...], unit: Unit | None) -> NDArray[np.float64]:
-    """Rows of columns."""
+    """Stacks columns into rows."""
     if any(isinstance(column, (list, tuple)) for column in columns):
         raise InputError(
             "a tuple holds columns of points, as arrays", "give rows as a list or an array (N, 3)"
@@ -211,7 +211,7 @@ def _unknown_unit() -> InputError:
 
 
 def _points(table: NDArray[Any], sigma: Array | float | None, unit: Unit | None) -> _native.Observations:
-    """From rows x, y, depth and possibly sigma."""
+    """Reads rows x, y, depth and optionally sigma."""
     if table.ndim != 2 or table.shape[1] not in (3, 4):
         raise InputError(f"points have x, y, depth and possibly sigma, not {_shape(table)}")
     if table.dtype.kind in "iu" and unit is None:
@@ -236,7 +236,7 @@ def _numbers(values: NDArray[Any], what: str) -> NDArray[np.float64]:
 
 
 def _deviations(sigma: Array | float, unit: Unit | None, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """One standard deviation for each value of an array of this shape; one number stands for all."""
+    """Returns one standard deviation for each value of an array of this shape; a single number applies to all."""
     given = as_array(sigma, "`sigma`")
     if given.shape not in ((), shape):
         raise InputError(f"`sigma` has the shape {_shape(given)}, but depths have {shape}")
@@ -247,7 +247,7 @@ def _deviations(sigma: Array | float, unit: Unit | None, shape: tuple[int, ...])
 
 
 def _metres(values: NDArray[Any], unit: Unit | None) -> NDArray[np.float32]:
-    """A map of depths in metres, which is what floats without a unit are."""
+    """Converts a depth map to metres; floats without a unit are in metres."""
     if values.dtype.kind in "iu" and unit is None:
         raise _unknown_unit()
     if values.dtype.kind not in "fiu":
@@ -265,7 +265,7 @@ def _metres(values: NDArray[Any], unit: Unit | None) -> NDArray[np.float32]:
 
 
 def per_metre(unit: Unit | None) -> float:
-    """Steps of a unit in a metre."""
+    """Returns the steps of a unit per metre."""
     if unit is None:
         return 1.0
     if isinstance(unit, str):
@@ -311,7 +311,7 @@ def as_count(value: int, what: str) -> int:
 
 
 def _unmasked(values: NDArray[Any], missing: float) -> NDArray[Any]:
-    """What is masked as missing."""
+    """Replaces masked values by missing ones."""
     masked = isinstance(values, np.ma.MaskedArray)
     return cast("NDArray[Any]", cast(Any, values).filled(missing)) if masked else values
 

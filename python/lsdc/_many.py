@@ -18,7 +18,7 @@ Progress = Callable[[int, Union[int, None]], object]
 
 @dataclass(frozen=True)
 class Completed:
-    """What became of one of many images."""
+    """The result of one of many images."""
 
     index: int
     """Its place among the images."""
@@ -40,8 +40,8 @@ def complete_each(
     workers: int,
     progress: Progress | None,
 ) -> Iterator[Completed]:
-    """Runs `work` on each row of some columns, on so many threads, and yields what becomes of them in their order. Rows are
-    drawn as threads become free."""
+    """Runs `work` on each row of the columns, on a number of threads, and yields the results in order. Rows are requested as
+    threads become free."""
     if workers < 1:
         raise SettingsError(f"`workers` is {workers}, which is less than one")
     lengths = [len(column) for column in columns if hasattr(column, "__len__")]  # type: ignore[arg-type]
@@ -84,7 +84,7 @@ def _each(
         while running:
             yield first()
     finally:
-        # Also where the caller stops early.
+        # Also if the caller stops early.
         pool.shutdown(wait=True, cancel_futures=True)
     if uneven:
         raise InputError(f"there are {count} images or points, but more of the other", "give as many of each")

@@ -1,4 +1,4 @@
-"""The extension module. Arrays are contiguous and of the types given here; `lsdc` brings others into this form."""
+"""The extension module. Arrays are contiguous and of the types given here; `lsdc` converts others."""
 
 from typing import Any, Union, final
 

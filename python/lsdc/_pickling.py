@@ -1,4 +1,4 @@
-"""What cannot leave its process says so, and what to send instead."""
+"""Objects that cannot be pickled, with a hint at what to send instead."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ._errors import Error
 
 
 class PicklingError(Error, TypeError):
-    """What `pickle` raises, as an error of this package."""
+    """The error that `pickle` raises, as an error of this package."""
 
 
 Own = TypeVar("Own", bound="Unpicklable")
 
 
 class Unpicklable:
-    """An object that refuses to be pickled with advice. Nothing of it changes, so that it is its own copy."""
+    """An object that refuses to be pickled, with a hint. It is immutable, so copies are the object itself."""
 
     _instead: ClassVar[str]
 

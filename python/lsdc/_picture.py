@@ -8,8 +8,8 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-# The turbo colour map (Mikhailov 2019) in the approximation of d3: coefficients of polynomials for red, green and
-# blue, highest power first.
+# The turbo colour map (Mikhailov 2019), as approximated by d3: coefficients of polynomials for red, green and blue,
+# highest power first.
 TURBO = (
     (14825.05, -38394.49, 33300.12, -10793.56, 1172.33, 34.61),
     (707.56, 1073.77, -3574.96, 1225.33, 557.33, 23.31),
@@ -18,7 +18,7 @@ TURBO = (
 
 
 def coloured(depth: NDArray[np.float32], low: float, high: float) -> NDArray[np.uint8]:
-    """Colours `(H, W, 3)` from blue at `low` to red at `high`; black where there is no depth."""
+    """Returns colours `(H, W, 3)` from blue at `low` to red at `high`; black at pixels without depth."""
     share = np.clip((depth - low) / max(high - low, 1e-12), 0.0, 1.0)
     colours = np.stack([np.polyval(channel, share) for channel in TURBO], axis=-1)
     colours[~(depth > 0)] = 0.0
@@ -27,7 +27,7 @@ def coloured(depth: NDArray[np.float32], low: float, high: float) -> NDArray[np.
 
 
 def png(colours: NDArray[np.uint8]) -> bytes:
-    """A PNG file of colours `(H, W, 3)`."""
+    """Encodes colours `(H, W, 3)` as a PNG file."""
 
     def chunk(name: bytes, data: bytes) -> bytes:
         checked = name + data
@@ -35,7 +35,7 @@ def png(colours: NDArray[np.uint8]) -> bytes:
 
     height, width, _ = colours.shape
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    # Every row begins with its filter: none.
+    # Every row begins with its filter type: none.
     rows = np.pad(colours.reshape(height, -1), ((0, 0), (1, 0)))
     body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)) + chunk(b"IEND", b"")
     return b"\x89PNG\r\n\x1a\n" + body

@@ -1,4 +1,4 @@
-"""The network's output for one image, ready for any set of points."""
+"""The network output for one image, ready to be fitted to points."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Guide = Union[DepthGuide, Array]
 
 
 class Scene(Unpicklable):
-    """The basis functions and affinities of an image. New points for the same image cost only a fit.
+    """The basis functions and affinities of an image. New points for the same image need only a fit.
 
-    Made by `Completer.scene`; can be shared between threads.
+    Created by `Completer.scene`; can be shared between threads.
     """
 
     _instead = "send the completer and the image, and make the scene there, or send arrays such as `completion.depth`"
@@ -61,34 +61,33 @@ class Scene(Unpicklable):
         ----------
         sparse : array (H, W), (N, 3) or (N, 4), tuple of arrays (N,), or path
             A depth map of the image's shape, or of the same proportions with fewer or more pixels, where 0, negative,
-            NaN and infinite values (and what is masked) mean no measurement; or points, one row x, y, depth[, sigma]
-            each; or these columns as a tuple; or a file of a map or points, as by `read_points`. x points to the
-            right, y down, in pixels from the centre of the first; fractions are allowed. Depths are measured along
-            the optical axis.
+            NaN, infinite and masked values mean no measurement; or points as rows x, y, depth[, sigma]; or these columns
+            as a tuple; or a file of a map or points, as for `read_points`. x points to the right, y down, in pixels from
+            the centre of the first pixel, with fractions. Depths are measured along the optical axis.
         sigma : array of the shape of the depths, or a number, optional
-            Standard deviations of the depths in the same unit. Those that are not positive and finite are unknown; they
+            Standard deviations of the depths in the same unit. Values that are not positive and finite mean unknown, and
             are counted in the report (`without_deviation`).
         noise : "kinect", "realsense", "tof" or (A, B, C), optional
-            Noise of a depth camera: depths without a standard deviation have A + B z + C z^2 metres at z metres. Depths
-            must be in metres, or `unit` given.
+            Noise of a depth camera: depths without a standard deviation get A + B z + C z^2 metres at z metres. Depths
+            must be in metres, or `unit` must be given.
         unit : "m", "cm", "mm" or the metres of one step, optional
-            Of `sparse` and `sigma`; integers need it. Floats are metres, or any other unit, which is then that of the
-            result.
+            Unit of `sparse` and `sigma`; required for integers. Floats are in metres or any other unit; the result is in
+            the same unit.
         robust : optional
-            Limits the influence of outliers: "auto", the name of another loss, or `RobustSettings`. By default as
-            set in the completer.
+            Limits the influence of outliers: "auto", the name of another loss, or `RobustSettings`. By default, the
+            setting of the completer.
         guide : DepthGuide or array (H, W), optional
-            Another prediction of the depth of the image by other means than that of the scene.
+            A depth prediction from another source, in place of the scene's guide.
         near : Completion or its weights, optional
-            The fit of the previous frame of a video, which this one will be close to, up to scale.
+            The fit of the previous frame of a video, which regularises this one, up to scale.
         size : (width, height), optional
-            Of the maps of the completion; by default that of the image.
+            Size of the maps of the completion; by default the size of the image.
 
         Returns
         -------
         Completion
-            What cannot be used (positions outside the image, depths that are not positive and finite) is left out, and
-            counted in its report.
+            Unusable points (positions outside the image, depths that are not positive and finite) are left out and counted
+            in its report.
 
         Raises
         ------
@@ -129,26 +128,26 @@ class Scene(Unpicklable):
         Parameters
         ----------
         view : PosedView
-            Of this image.
+            The view of this image.
         others : sequence of PosedView
-            The views whose points are carried over, best those of `neighbours`, the closest first.
+            Views whose points are transferred, preferably those of `neighbours`, closest first.
         max_points : int
-            At most so many are.
+            Largest number of points transferred.
         robust, size
             As for `complete`.
 
         Returns
         -------
         Completion
-            Its `views` says what became of the points. Residuals, leave-one-out errors and outliers are those of the image's
-            own depths.
+            Its `views` reports on the points of other views. Residuals, leave-one-out errors and outliers are those of the
+            image's own depths.
 
         Raises
         ------
         FitError
             No depth of the image can be used.
         InputError
-            A view of another size than the image.
+            A view has another size than the image.
 
         >>> camera = lsdc.Camera((60, 60), (31.5, 23.5), size=(64, 48))
         >>> poses = [np.eye(4), np.eye(4)]
@@ -169,12 +168,12 @@ class Scene(Unpicklable):
         return Completion(native, view._given, size, ViewsReport(**report))
 
     def alignment(self, sparse: Sparse, *, unit: Unit | None = None) -> Alignment:
-        """Tests whether points lie where the image shows them, which wrong extrinsics or time stamps prevent.
+        """Tests whether points are aligned with the image, which they are not with wrong extrinsics or time stamps.
 
-        The points (at most 2000 of them) are predicted from each other where they are, and moved by 40 shifts of up to a
-        twentieth of the width of the image. One image hardly ever tells, so add the evidence of the first five to ten
-        frames of a recording. Each takes as long as some 41 fits. `sparse` and `unit` are those of `complete`. Fewer than
-        100 points that are not near the border are no evidence.
+        At most 2000 points are predicted from each other, unshifted and with 40 shifts of up to a twentieth of the width of
+        the image. One image is rarely enough, so add the evidence of the first five to ten frames of a recording. Each frame
+        takes as long as about 41 fits. `sparse` and `unit` are those of `complete`. Fewer than 100 points away from the
+        border give no evidence.
 
         >>> completer, alignment = lsdc.Completer("small"), lsdc.Alignment()
         >>> for image, points in [(image, sparse)] * 5:
@@ -186,8 +185,8 @@ class Scene(Unpicklable):
         return Alignment(self._native.alignment(observed(sparse, None, None, unit, self.size)))
 
     def basis_functions(self, positions: Array) -> NDArray[np.float32]:
-        """The functions that the network found, `(N, functions)`, at positions `(N, 2)` of x and y; the first is
-        the constant."""
+        """Returns the basis functions of the network, `(N, functions)`, at positions `(N, 2)` of x and y; the first is the
+        constant."""
         return self._native.basis_functions(as_positions(positions))
 
     def __repr__(self) -> str:

@@ -12,16 +12,16 @@ Loss = Literal["irls", "huber", "cauchy", "gm", "tukey", "auto"]
 
 
 class RobustSettings(TypedDict, total=False):
-    """Settings of a robust fit, which limits the influence of outliers. What is left out has the default of the loss."""
+    """Settings of a robust fit, which limits the influence of outliers. Missing settings have the default of the loss."""
 
     loss: Loss
-    """"auto" weights each point by the probability that it is right, judged by the others."""
+    """"auto" weights each point by its probability of being an inlier, judged by the others."""
     threshold: float
     """For "irls": residuals below this fraction of the median depth have equal weight."""
     tuning: float | None
     """The scale of the other losses in standard deviations of the noise; None for the classic constant."""
     neighbours: int
-    """Residuals are compared with the median of those of this many nearest points; 0 compares with none."""
+    """Residuals are compared with the median residual of this many nearest points; 0 for no comparison."""
     iterations: int
     """The largest number of solves after the first."""
     tolerance: float
@@ -43,7 +43,7 @@ class JointSettings(TypedDict, total=False):
     """Penalty on the square of a cosine's weight at low frequencies."""
 
 
-# `lambda` is a keyword of the language.
+# `lambda` is a Python keyword.
 FitSettings = TypedDict(
     "FitSettings",
     {
@@ -57,9 +57,9 @@ FitSettings = TypedDict(
     },
     total=False,
 )
-"""Settings of the fit; those left out are the ones stored with the weights.
+"""Settings of the fit; missing settings are those stored with the weights.
 
-- `method`: the model of depth: basis functions alone ("lse", as in the paper), a "field" alone, or both ("joint")
+- `method`: the model of depth: only basis functions ("lse", as in the paper), only a "field", or both ("joint")
 - `joint`: `JointSettings`
 - `rcond`: singular values below this fraction of the largest are truncated
 - `ridge`: added to the diagonal of the normal equations, as a fraction of their mean diagonal
@@ -69,11 +69,11 @@ FitSettings = TypedDict(
 """
 
 Robust = Union[Loss, Literal["none"], RobustSettings, None]
-"""The name of a loss, the settings of one, or "none" for a plain fit. None stands for the default."""
+"""The name of a loss, its settings, or "none" for a plain fit. None means the default."""
 
 
 def as_json(settings: object) -> str:
-    """Settings as the extension module reads them."""
+    """Converts settings for the extension module."""
     if not (settings is None or isinstance(settings, (str, Mapping))):
         raise SettingsError(f"{settings!r} is neither a name nor a dict of settings")
     try:

@@ -1,4 +1,4 @@
-"""Known depths of any kind: arrays or files."""
+"""Known depths from arrays or files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Sparse = Union[Array, tuple[Array, ...], "os.PathLike[str]", str]
 def observed(
     sparse: Sparse, sigma: Array | float | None, noise: Noise | None, unit: Unit | None, size: Size
 ) -> _native.Observations:
-    """Depths in an image of this width and height; those without a standard deviation have that of a depth camera."""
+    """Returns depths in an image of this width and height; those without a standard deviation get that of a depth camera."""
     if isinstance(sparse, (str, os.PathLike)):
         if noise is not None and unit is None:
             raise InputError("`noise` is in metres, but the unit of a file may be a guess", 'give `unit`, as in "m"')

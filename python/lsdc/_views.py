@@ -1,4 +1,4 @@
-"""Images of a sequence at their poses."""
+"""Images of a sequence with their poses."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from ._sparse import Sparse, observed
 
 
 class PosedView(Unpicklable):
-    """The measured points of one image of a sequence, and the camera at its place. Poses and depths have the same unit.
+    """The measured points of one image of a sequence, and its camera with the pose. Poses and depths have the same unit.
 
     Parameters
     ----------
     sparse : array, tuple of arrays or path
         The known depths of the image, as for `Scene.complete`.
     camera : Camera
-        Of the image, of any lens.
+        Camera of the image, with any lens.
     pose : array (4, 4) or (3, 4), optional
-        From the camera to the world, with the axes of OpenCV (x to the right, y down, z forwards), as `Camera.with_pose` takes it;
-        by default that of the camera.
+        From the camera to the world, with the axes of OpenCV (x to the right, y down, z forwards), as for `Camera.with_pose`;
+        by default the pose of the camera.
     size : (width, height), optional
-        Of the image; by default that of the camera.
+        Size of the image; by default the size of the camera.
     sigma, noise, unit
         As for `Scene.complete`.
-    ids : array (N,) of whole numbers, optional
-        The identity of every point, as in a model of structure from motion: views that share a point measured it once.
+    ids : array (N,) of integers, optional
+        Identity of every point, as in a structure-from-motion model: a point shared by views was measured once.
 
     Raises
     ------
     InputError, SettingsError
-        Arrays of another shape or type, a pose that mirrors or scales, no size, another number of ids than of points.
+        Arrays of another shape or type, a pose that mirrors or scales, no size, or different numbers of ids and points.
 
     >>> pose = np.eye(4)
     >>> pose[:3, 3] = 0.5, 0, 0
@@ -86,8 +86,8 @@ class PosedView(Unpicklable):
 def neighbours(
     views: Sequence[PosedView], index: int, *, count: int = 8, only_past: bool = False
 ) -> list[int]:
-    """The indices of the views that share most with the view of an index, best first; views that share less than a twentieth
-    are none. With `only_past`, only views before it are, as online.
+    """Returns the indices of the views that share most with the view of an index, best first. Views that share less than a
+    twentieth are not neighbours. With `only_past`, only earlier views are, as in online use.
 
     >>> camera = lsdc.Camera((60, 60), (31.5, 23.5), size=(64, 48))
     >>> poses = [np.eye(4) for _ in range(4)]

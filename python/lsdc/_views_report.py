@@ -1,4 +1,4 @@
-"""What became of the points of other views."""
+"""Report on the points of other views."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class ViewsReport:
-    """What became of the points of other views."""
+    """Report on the points of other views."""
 
     outcome: Literal["used", "rejected", "no points", "too few points of its own"]
-    """"rejected" if the image's own points are not predicted clearly better with them."""
+    """"rejected" if they do not clearly improve the predictions of the image's own points."""
     considered: int
-    """Other views."""
+    """Number of other views."""
     used: int
-    """Views whose points were carried over."""
+    """Number of views whose points were transferred."""
     inconsistent: int
-    """Views that contradict the image's own points, as with a wrong pose."""
+    """Number of views that contradict the image's own points, as with a wrong pose."""
     carried: int
-    """Points that joined the fit."""
+    """Number of points added to the fit."""
     occluded: int
-    """Points behind the surface that the image sees."""
+    """Number of points behind the surface that the image sees."""
     contradicting: int
-    """Points in front of it: something moved, or the pose is wrong."""
+    """Number of points in front of it: something moved, or the pose is wrong."""
     doubled: int
-    """Points that the image, or a closer view, measured too."""
+    """Number of points that the image, or a closer view, measured as well."""
     thinned: int
-    """Points left out because there are many."""
+    """Number of points left out because there are too many."""
     errors: tuple[float, float] | None
-    """The mean relative leave-one-out error of the image's own points, without and with the others."""
+    """Mean relative leave-one-out error of the image's own points, without and with the others."""

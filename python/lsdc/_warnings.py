@@ -1,4 +1,4 @@
-"""What was assumed or left out, as warnings at the line of the caller."""
+"""Warnings about assumptions and omissions, at the line of the caller."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from collections.abc import Iterable
 
 
 class InputWarning(UserWarning):
-    """What was assumed of an argument, or left out, and should be checked."""
+    """An assumption about an argument, or an omission, that should be checked."""
 
 
 class FileWarning(InputWarning):
-    """The same of a file."""
+    """An assumption about a file, or an omission, that should be checked."""
 
 
-# What the program calls the arguments of this package.
+# The program's options, with the arguments of this package.
 ARGUMENTS = {"--depth-unit": "`unit`", "--depth-kind": "`kind`", "--camera": "`camera`"}
 
 
 def warn(what: str, remarks: Iterable[str], category: type[InputWarning]) -> None:
-    """Warns of each remark about what is named so."""
+    """Issues a warning for each remark about `what`."""
     for remark in remarks:
         for option, argument in ARGUMENTS.items():
             remark = remark.replace(option, argument)
@@ -28,7 +28,7 @@ def warn(what: str, remarks: Iterable[str], category: type[InputWarning]) -> Non
 
 
 def _depth() -> int:
-    """Of the calls within this package, of which a warning tells the first."""
+    """Returns the stack level of the call into this package, at which warnings are reported."""
     depth, frame = 0, sys._getframe(1)
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).split(".")[0] == __package__:
         depth, frame = depth + 1, frame.f_back

@@ -1,4 +1,4 @@
-//! Whether points lie where the image shows them.
+//! Alignment of points with images.
 
 use pyo3::prelude::*;
 
@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct Alignment(pub(crate) lsdc_core::Alignment);
 
-/// u, v, error, error of the moved points, standard errors, frames, and whether it is clear.
+/// u, v, error, error of the shifted points, standard errors, frames, and whether the shift is clear.
 type Shift = (f64, f64, f64, f64, f64, usize, bool);
 
 #[pymethods]

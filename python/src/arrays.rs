@@ -1,16 +1,16 @@
-//! Results as arrays, which take over the memory of the result.
+//! Conversion of results to arrays, which take over their memory.
 
 use lsdc_core::DepthMap;
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-/// A map as an array `(height, width)`.
+/// Converts a map to an array `(height, width)`.
 pub(crate) fn map(py: Python<'_>, map: DepthMap) -> PyResult<Bound<'_, PyArray2<f32>>> {
     let shape = [map.height(), map.width()];
     PyArray1::from_vec(py, map.into_values()).reshape(shape)
 }
 
-/// Rows of `columns` values as an array `(rows, columns)`.
+/// Converts rows of `columns` values to an array `(rows, columns)`.
 pub(crate) fn table<T: Element>(
     py: Python<'_>,
     values: Vec<T>,
@@ -20,10 +20,10 @@ pub(crate) fn table<T: Element>(
     PyArray1::from_vec(py, values).reshape([rows, columns])
 }
 
-/// The rows of an array `(rows, N)`.
+/// Returns the rows of an array `(rows, N)`.
 ///
 /// # Errors
-/// Another number of columns, or gaps between the values.
+/// The number of columns differs, or there are gaps between the values.
 pub(crate) fn rows<'a, const N: usize>(
     array: &'a PyReadonlyArray2<'_, f64>,
 ) -> PyResult<&'a [[f64; N]]> {

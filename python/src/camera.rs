@@ -1,4 +1,4 @@
-//! Cameras, and the points of a cloud that they see.
+//! Cameras, and the points of clouds that they see.
 
 use crate::arrays;
 use crate::error::{ExceptionKind, raised, raised_by_file};
@@ -24,7 +24,7 @@ type CameraParameters = (
     Option<(usize, usize)>,
 );
 
-/// Rows u, v, depth of the visible points, and counts of those that are invalid, outside and hidden.
+/// Rows u, v, depth of the visible points, and the numbers of invalid, outside and hidden points.
 type VisiblePoints<'py> = (Bound<'py, PyArray2<f64>>, usize, usize, usize);
 
 #[pymethods]
@@ -57,7 +57,7 @@ impl Camera {
         Ok(Self(lsdc_files::Camera::new(camera, size)))
     }
 
-    /// The camera in a file.
+    /// Reads a camera file.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let found = py.detach(|| lsdc_files::Camera::read(&path));
@@ -86,13 +86,13 @@ impl Camera {
         )
     }
 
-    /// Focal lengths and principal point for the image at another resolution.
+    /// Returns the focal lengths and principal point for the image at another resolution.
     fn scaled(&self, factors: [f64; 2]) -> ([f64; 2], [f64; 2]) {
         let camera = self.0.optics().scaled(factors);
         (camera.focal(), camera.center())
     }
 
-    /// Rows u, v, depth of rows x, y, z; NaN where a point is not in view.
+    /// Projects rows x, y, z to rows u, v, depth; NaN if a point is not in view.
     fn project<'py>(
         &self,
         py: Python<'py>,
@@ -107,7 +107,7 @@ impl Camera {
         arrays::table(py, rows, 3)
     }
 
-    /// Rows x, y, z of rows u, v and depths; NaN where the lens does not look.
+    /// Converts rows u, v and depths to rows x, y, z; NaN outside the view of the lens.
     fn unproject<'py>(
         &self,
         py: Python<'py>,
@@ -123,7 +123,7 @@ impl Camera {
         arrays::table(py, rows, 3)
     }
 
-    /// The points of a cloud of rows x, y, z that are visible in an image.
+    /// Returns the points of a cloud of rows x, y, z that are visible in an image.
     fn see<'py>(
         &self,
         py: Python<'py>,
@@ -142,7 +142,7 @@ impl Camera {
     }
 }
 
-/// Coefficients, followed by as many zeros as are missing.
+/// Pads coefficients with zeros.
 fn padded<const N: usize>(given: &[f64]) -> Result<[f64; N], String> {
     let mut all = [0.0; N];
     match all.get_mut(..given.len()) {

@@ -1,4 +1,4 @@
-//! What should be checked of arrays, by the rules of files.
+//! Checks of arrays by the same rules as files.
 
 use image::{DynamicImage, ImageBuffer};
 use lsdc_files::checks::{NumberFormat, NumberType, Warning, leave_out_marks, to_rgb8};
@@ -9,12 +9,12 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// The texts of warnings.
+/// Returns the texts of warnings.
 pub(crate) fn texts<'a>(warnings: impl IntoIterator<Item = &'a Warning>) -> Vec<String> {
     warnings.into_iter().map(ToString::to_string).collect()
 }
 
-/// The colours `(H, W, 1 or 3)` of 16 bits as `(H, W, 3)` of 8, and what should be checked.
+/// Converts 16-bit colours `(H, W, 1 or 3)` to 8-bit `(H, W, 3)`, and returns remarks to be checked.
 #[pyfunction]
 pub(crate) fn eight_bits<'py>(
     py: Python<'py>,
@@ -34,8 +34,8 @@ pub(crate) fn eight_bits<'py>(
     Ok((found, texts(&warning)))
 }
 
-/// A map of stored numbers with NaN where they mark that nothing was measured, and what should be checked. `bits` are those of
-/// integers, with their sign if they have one; `metres` are those of one step.
+/// Replaces stored numbers that mark missing measurements by NaN, and returns remarks to be checked. `bits` is the size of
+/// integers and whether they are signed; `metres` is the unit of one step.
 #[pyfunction]
 pub(crate) fn without_marks<'py>(
     py: Python<'py>,

@@ -12,12 +12,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::sync::Arc;
 
-/// Where weights come from.
+/// Source of weights.
 #[derive(FromPyObject)]
 pub(crate) enum WeightsSource<'py> {
-    /// Built in.
+    /// Name of built-in weights.
     Name(String),
-    /// A file.
+    /// Bytes of a weights file.
     Bytes(Bound<'py, PyBytes>),
 }
 
@@ -26,15 +26,15 @@ pub(crate) enum WeightsSource<'py> {
 pub(crate) struct Completer {
     inner: lsdc_core::Completer,
     pool: Pool,
-    /// Trained parameters of the network.
+    /// Number of trained parameters of the network.
     #[pyo3(get)]
     parameters: usize,
 }
 
 #[pymethods]
 impl Completer {
-    /// `fit` is a JSON object of the settings that differ from those stored with the weights; `threads` is 0 for
-    /// one for every core, and absent for the pool of the process; `working_size` is width and height.
+    /// `fit` is a JSON object of the settings that differ from those stored with the weights. `threads` is 0 for one per core,
+    /// and absent for the pool of the process. `working_size` is width and height.
     #[new]
     fn new(
         py: Python<'_>,
@@ -102,7 +102,7 @@ impl Completer {
     /// The settings of the fit, as JSON.
     #[getter]
     fn fit(&self) -> String {
-        // Plain structs of numbers and names always have a form.
+        // Plain structs of numbers and names can always be serialised.
         serde_json::to_string(self.inner.fit_config()).unwrap_or_default()
     }
 
@@ -112,15 +112,14 @@ impl Completer {
         self.inner.has_depth_head()
     }
 
-    /// Threads of the pool.
+    /// Number of threads of the pool.
     #[getter]
     fn threads(&self) -> usize {
         self.pool.count()
     }
 
-    /// `output` are basis functions and affinities that another program computed, `(functions, height, width)` and
-    /// `(2, height, width)`. Without `guide`, scenes are guided by the depth head of the encoder, if it is installed and
-    /// `own_guide` is set.
+    /// `output` contains basis functions `(functions, height, width)` and affinities `(2, height, width)` computed by another
+    /// program. Without `guide`, scenes are guided by the depth head of the encoder, if it is installed and `own_guide` is set.
     fn scene(
         &self,
         py: Python<'_>,
@@ -135,7 +134,7 @@ impl Completer {
             .map(|(basis, affinities)| {
                 let (height, width) = (basis.shape()[1], basis.shape()[2]);
                 let [basis, affinities] = [basis.as_slice()?, affinities.as_slice()?];
-                // Copied: arrays may be written to while others compute.
+                // Copied, because arrays may be modified while other threads compute.
                 let (basis, affinities) = (basis.to_vec(), affinities.to_vec());
                 let output = NetworkOutput::new(width, height, basis, affinities);
                 output.map_err(|error| raised(py, &error))
@@ -158,7 +157,7 @@ impl Completer {
         Ok(Scene::new(scene, colours, self.pool.clone()))
     }
 
-    /// The image as exported weights read it, `(3, height, width)`.
+    /// Returns the image as input of exported weights, `(3, height, width)`.
     fn network_input<'py>(
         &self,
         py: Python<'py>,

@@ -11,11 +11,11 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::Arc;
 
-/// A fit, and what follows from it.
+/// A fit and its results.
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct Completion {
     inner: lsdc_core::Completion,
-    /// Of the image.
+    /// Colours of the image.
     colours: Arc<RgbImage>,
     pool: Pool,
 }
@@ -72,8 +72,8 @@ impl Completion {
         arrays::map(py, map)
     }
 
-    /// The pixels of a map of this width and height in space. Without `max_sigma`, standard deviations may be missing, if the
-    /// points are too few for an estimate.
+    /// Returns the pixels of a map of this width and height as a point cloud. Without `max_sigma`, standard deviations may be
+    /// missing, if there are too few points for an estimate.
     fn point_cloud<'py>(
         &self,
         py: Python<'py>,
@@ -121,7 +121,7 @@ impl Completion {
             arrays::table(py, places.map(|v| v as f32).collect(), 3)?.into_any()
         };
         let colours = all.iter().flat_map(|point| point.color).collect();
-        // All points have one, or none has.
+        // All points have a standard deviation, or none has.
         let sigma: Option<Vec<f32>> = all.iter().map(|point| point.sigma).collect();
         Ok((
             places,
@@ -131,7 +131,7 @@ impl Completion {
         ))
     }
 
-    /// The depth at rows u, v.
+    /// Returns the depth at rows u, v.
     fn at<'py>(
         &self,
         py: Python<'py>,
@@ -191,7 +191,7 @@ impl Completion {
         self.inner.freedom()
     }
 
-    /// The fields of the report by name, times in seconds.
+    /// Returns the fields of the report by name, with times in seconds.
     fn report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let report = self.inner.report();
         let fields = PyDict::new(py);

@@ -1,4 +1,4 @@
-//! Errors of `lsdc-core` as the exceptions of the package.
+//! Conversion of errors to the exceptions of the package.
 
 use lsdc_core::Error;
 use lsdc_files::error::{self as files, Cause};
@@ -7,7 +7,7 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 use std::error::Error as _;
 
-/// Which exception stands for a kind of error.
+/// Exceptions of the package.
 #[derive(Clone, Copy)]
 pub(crate) enum ExceptionKind {
     Base,
@@ -32,7 +32,7 @@ impl ExceptionKind {
         CLASSES[self as usize].import(py, "lsdc._errors", name)
     }
 
-    /// The exception of this kind with a message and what to do.
+    /// Creates the exception with a message and a hint.
     pub(crate) fn raise(self, py: Python<'_>, message: &str, hint: Option<&str>) -> PyErr {
         let made = self
             .class(py)
@@ -41,7 +41,7 @@ impl ExceptionKind {
     }
 }
 
-/// The exception that stands for an error of `lsdc-core`.
+/// Returns the exception for an error of `lsdc-core`.
 pub(crate) fn raised(py: Python<'_>, error: &Error) -> PyErr {
     let kind = match error {
         Error::Image(_) => ExceptionKind::Input,
@@ -58,7 +58,7 @@ pub(crate) fn raised(py: Python<'_>, error: &Error) -> PyErr {
     kind.raise(py, &message, hint.as_deref())
 }
 
-/// The exception that stands for an error of a file.
+/// Returns the exception for an error of a file.
 pub(crate) fn raised_by_file(py: Python<'_>, error: &files::Error) -> PyErr {
     let kind = match error.cause() {
         Cause::Read | Cause::Write | Cause::Format | Cause::TooLarge => ExceptionKind::Read,

@@ -13,10 +13,10 @@ use pyo3::pybacked::PyBackedBytes;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Notes of a reader: the unit, whether it was a guess, and what should be checked.
+/// Notes of a reader: the unit, whether it was guessed, and remarks to be checked.
 type ReadingNotes = (String, bool, Vec<String>);
 
-/// Rows x, y, depth[, sigma]; points that were ignored, outside and hidden; the notes of the reader.
+/// Rows x, y, depth[, sigma]; numbers of ignored, outside and hidden points; the notes of the reader.
 type Points<'py> = (Bound<'py, PyArray2<f64>>, [usize; 3], ReadingNotes);
 
 /// A map in metres, its standard deviations if the file has them, and the notes of the reader.
@@ -48,7 +48,7 @@ pub(crate) fn read_depth<'py>(
     Ok((arrays::map(py, found.depth)?, sigma, notes))
 }
 
-/// The colours `(H, W, 3)` of an image file, upright, and what should be checked.
+/// Returns the colours `(H, W, 3)` of an image file, upright, and remarks to be checked.
 #[pyfunction]
 pub(crate) fn read_image(
     py: Python<'_>,
@@ -84,13 +84,13 @@ pub(crate) fn read_points<'py>(
     points(py, found)
 }
 
-/// A model of COLMAP.
+/// A COLMAP model.
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct Colmap(lsdc_files::Colmap);
 
 #[pymethods]
 impl Colmap {
-    /// In a folder, or the contents of its files by name.
+    /// Reads a model from a folder, or from the contents of its files by name.
     #[new]
     fn new(
         py: Python<'_>,
@@ -104,13 +104,13 @@ impl Colmap {
         found.map(Self).map_err(|e| raised_by_file(py, &e))
     }
 
-    /// The names of its images, and their widths and heights.
+    /// Returns the names of its images, and their widths and heights.
     fn images(&self) -> Vec<(String, (usize, usize))> {
         let views = self.0.views.iter();
         views.map(|view| (view.name.clone(), view.size)).collect()
     }
 
-    /// What an image sees that is stored with this size and orientation by EXIF.
+    /// Returns the points seen by an image that is stored with this size and EXIF orientation.
     fn points<'py>(
         &self,
         py: Python<'py>,
@@ -130,7 +130,7 @@ impl Colmap {
     }
 }
 
-/// Rows of points; without a standard deviation NaN stands for one, where others have one.
+/// Converts points to rows. Missing standard deviations are NaN if other points have one.
 fn points(py: Python<'_>, found: Sparse) -> PyResult<Points<'_>> {
     let certain = found.points.iter().any(|point| point.sigma.is_some());
     let row = |point: &Observation| {

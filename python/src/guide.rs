@@ -1,11 +1,11 @@
-//! A prediction of depth by other means.
+//! Depth predictions from another source.
 
 use crate::error::{ExceptionKind, raised};
 use lsdc_core::GuideKind;
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-/// A dense prediction of depth, as more basis functions.
+/// A dense depth prediction, used as additional basis functions.
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct DepthGuide(pub(crate) lsdc_core::DepthGuide);
 

@@ -14,10 +14,10 @@ pub(crate) enum Colours<'py> {
 }
 
 impl Colours<'_> {
-    /// The image of these colours, with blue first if `bgr`.
+    /// Returns the image of these colours, with blue first if `bgr`.
     ///
     /// # Errors
-    /// A number of channels or a size that images do not have.
+    /// The number of channels or the size is not that of an image.
     pub(crate) fn image(&self, py: Python<'_>, bgr: bool) -> PyResult<Image<'_>> {
         let shape = match self {
             Self::Bytes(array) => array.shape(),
@@ -43,10 +43,10 @@ impl Colours<'_> {
     }
 }
 
-/// A copy of the colours of an image, for clouds.
+/// Copies the colours of an image, for clouds.
 pub(crate) fn copy(image: &Image<'_>) -> Result<RgbImage> {
     let (width, height) = (image.width() as u32, image.height() as u32);
     let colours = RgbImage::from_raw(width, height, image.rgb()?);
-    // As many as the size says.
+    // The number of colours matches the size.
     Ok(colours.unwrap_or_default())
 }

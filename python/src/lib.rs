@@ -1,8 +1,8 @@
-//! What the Python package `lsdc` runs: `lsdc-core` and `lsdc-files` behind `NumPy` arrays.
+//! The extension module of the Python package `lsdc`: `lsdc-core` and `lsdc-files` with `NumPy` arrays.
 //!
-//! The Python files beside this crate bring arguments of any kind into one form (contiguous arrays of one type,
-//! positions in pixels, depths in one unit); here they become values of `lsdc-core`, and its results arrays. The
-//! interpreter is released while anything is computed.
+//! The Python files of the package convert arguments of any kind to contiguous arrays of one type, positions in pixels and
+//! depths in one unit. This crate converts them to values of `lsdc-core`, and results to arrays. It releases the interpreter
+//! while it computes.
 
 mod alignment;
 mod arrays;
@@ -22,7 +22,7 @@ mod views;
 
 use pyo3::{pyfunction, pymodule};
 
-/// Identifies what this version computes.
+/// Returns the identifier of the numerics of this version.
 #[pyfunction]
 fn golden() -> &'static str {
     lsdc_weights::golden()

@@ -1,4 +1,4 @@
-//! Arrays as observations.
+//! Conversion of arrays to observations.
 
 use crate::arrays;
 use crate::error::raised;
@@ -10,15 +10,15 @@ use pyo3::prelude::*;
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct Observations {
     pub(crate) all: lsdc_core::Observations,
-    /// Values of a map that were neither a depth nor 0.
+    /// Number of values of a map that were neither a depth nor 0.
     #[pyo3(get)]
     ignored: usize,
 }
 
 #[pymethods]
 impl Observations {
-    /// The measurements of a map `(height, width)` of an image of this width and height, with standard deviations of
-    /// the same shape. A map of fewer or more pixels shows what the image shows.
+    /// Reads the measurements of a map `(height, width)` for an image of this width and height, with standard deviations of the
+    /// same shape. A map with fewer or more pixels must show the same view.
     #[staticmethod]
     fn of_map(
         py: Python<'_>,
@@ -49,7 +49,7 @@ impl Observations {
         })
     }
 
-    /// One observation for each row u, v, depth, with a standard deviation for each.
+    /// Reads one observation for each row u, v, depth, with a standard deviation for each.
     #[staticmethod]
     fn of_table(
         table: PyReadonlyArray2<'_, f64>,
@@ -69,7 +69,8 @@ impl Observations {
         })
     }
 
-    /// The same, in metres, where those without a standard deviation have that of a depth camera: a name, or A,B,C.
+    /// Returns the observations, in metres, with the noise of a depth camera (a name, or A,B,C) for those without a standard
+    /// deviation.
     fn with_noise(&self, py: Python<'_>, model: &str) -> PyResult<Self> {
         let model = model.parse::<DepthNoise>();
         let model = model.map_err(|error| raised(py, &error.into()))?;
@@ -79,7 +80,7 @@ impl Observations {
         })
     }
 
-    /// Rows u, v, depth.
+    /// Returns rows u, v, depth.
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rows = self.all.iter();
         let values = rows.flat_map(|point| [point.u, point.v, f64::from(point.depth)]);
@@ -91,7 +92,7 @@ impl Observations {
     }
 }
 
-/// The position on `to` pixels of what is at `place` on `from` pixels of the same view; unchanged on as many.
+/// Converts a position on `from` pixels to `to` pixels of the same view.
 fn rescaled(place: f64, from: usize, to: usize) -> f64 {
     (place + 0.5) * (to as f64 / from as f64) - 0.5
 }

@@ -1,4 +1,4 @@
-//! The threads that calls run on, which do not survive a fork.
+//! Threads of calls, which do not survive a fork.
 
 use crate::error::{ExceptionKind, raised};
 use lsdc_core::{Result, thread_pool};
@@ -6,30 +6,30 @@ use pyo3::prelude::*;
 use rayon::ThreadPool;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A pool of this process, or of the one that it was forked from.
+/// A pool of this process, or of the process from which it was forked.
 #[derive(Clone)]
 pub(crate) struct Pool {
     threads: Arc<ThreadPool>,
     process: u32,
 }
 
-/// The pool of all calls without one of their own.
+/// The pool shared by calls without a separate pool.
 static SHARED: Mutex<Option<Pool>> = Mutex::new(None);
 
 impl Pool {
-    /// The shared pool of this process, with a thread for every core.
+    /// Returns the shared pool of this process, with a thread per core.
     pub(crate) fn shared(py: Python<'_>) -> PyResult<Self> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(pool) = shared.as_ref().filter(|pool| pool.is_here()) {
             return Ok(pool.clone());
         }
         let pool = Self::new(py, 0)?;
-        // The threads of a pool from before a fork cannot be awaited.
+        // Do not drop a pool from before a fork, which would wait for its threads.
         std::mem::forget(shared.replace(pool.clone()));
         Ok(pool)
     }
 
-    /// A new pool, with a thread for every core if `threads` is 0.
+    /// Creates a pool, with a thread per core if `threads` is 0.
     pub(crate) fn new(py: Python<'_>, threads: usize) -> PyResult<Self> {
         let threads = thread_pool(threads).map_err(|error| raised(py, &error))?;
         Ok(Self {
@@ -38,7 +38,7 @@ impl Pool {
         })
     }
 
-    /// Whether the threads are of this process.
+    /// Whether the threads belong to this process.
     fn is_here(&self) -> bool {
         self.process == std::process::id()
     }
@@ -51,10 +51,10 @@ impl Pool {
         self.threads.current_num_threads()
     }
 
-    /// Runs work of `lsdc-core` on the pool, and lets other threads of the interpreter run meanwhile.
+    /// Runs work of `lsdc-core` on the pool, and releases the interpreter meanwhile.
     ///
     /// # Errors
-    /// Those of the work, or a process that was forked since.
+    /// The errors of the work, or the process was forked since.
     pub(crate) fn run<T: Send>(
         &self,
         py: Python<'_>,
@@ -63,10 +63,10 @@ impl Pool {
         self.install(py, work)?.map_err(|error| raised(py, &error))
     }
 
-    /// The same with work of any kind.
+    /// Runs work of any kind on the pool, and releases the interpreter meanwhile.
     ///
     /// # Errors
-    /// A process that was forked since.
+    /// The process was forked since.
     pub(crate) fn install<T: Send>(
         &self,
         py: Python<'_>,

@@ -1,4 +1,4 @@
-//! The network's output for one image.
+//! The network output for one image.
 
 use crate::alignment::Alignment;
 use crate::arrays;
@@ -33,7 +33,7 @@ impl Scene {
         }
     }
 
-    /// The same image with another scene of it.
+    /// Replaces the scene of the same image.
     fn with(&self, inner: lsdc_core::Scene) -> Self {
         Self::new(inner, self.colours.clone(), self.pool.clone())
     }
@@ -51,13 +51,13 @@ impl Scene {
         self.inner.height()
     }
 
-    /// Seconds.
+    /// Run time of the network in seconds.
     #[getter]
     fn network_time(&self) -> f64 {
         self.inner.network_time().as_secs_f64()
     }
 
-    /// With other settings of robustness, as JSON.
+    /// Returns the scene with other robust settings, as JSON.
     fn with_robust(&self, py: Python<'_>, settings: &str) -> PyResult<Self> {
         let refused = |why: String| {
             ExceptionKind::Settings.raise(py, &format!("the settings of robustness: {why}"), None)
@@ -68,12 +68,12 @@ impl Scene {
         Ok(self.with(inner))
     }
 
-    /// With another guide, or none.
+    /// Returns the scene with another guide, or none.
     fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
         self.with(self.inner.with_guide(guide.map(|guide| &guide.0)))
     }
 
-    /// `near` are weights of another fit.
+    /// Fits the scene to observations. `near` contains weights of another fit.
     fn complete(
         &self,
         py: Python<'_>,
@@ -93,7 +93,7 @@ impl Scene {
         ))
     }
 
-    /// With the points of other views, at most so many of them, and what became of these.
+    /// Fits the scene to observations and at most `max_points` points of other views, and returns a report on these.
     fn complete_with_views<'py>(
         &self,
         py: Python<'py>,
@@ -114,7 +114,7 @@ impl Scene {
         Ok((completion, described(py, &report)?))
     }
 
-    /// The evidence of this frame for a shift between points and image.
+    /// Returns the evidence of this frame for a shift between points and image.
     fn alignment(&self, py: Python<'_>, observations: &Observations) -> PyResult<Alignment> {
         let found = self
             .pool
@@ -122,7 +122,7 @@ impl Scene {
         Ok(Alignment(found))
     }
 
-    /// The basis functions `(places, functions)` at rows u, v.
+    /// Returns the basis functions `(places, functions)` at rows u, v.
     fn basis_functions<'py>(
         &self,
         py: Python<'py>,

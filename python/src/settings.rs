@@ -1,14 +1,14 @@
-//! Settings of the fit from JSON that says what differs from the defaults.
+//! Settings of the fit from JSON with differences from the defaults.
 
 use lsdc_core::settings::{FitConfig, Loss, Robust};
 use serde_json::Value;
 
-/// Settings with changes to some of them, at any depth.
+/// Returns settings with some of them changed, at any depth.
 pub(crate) fn changed(config: FitConfig, changes: &str) -> Result<FitConfig, String> {
     let plain = |error: serde_json::Error| error.to_string();
     let mut config = serde_json::to_value(config).map_err(plain)?;
     let mut changes: Value = serde_json::from_str(changes).map_err(plain)?;
-    // Not merged: the defaults of a loss are its own.
+    // Not merged, because each loss has its own defaults.
     if let Some(value) = changes.as_object_mut().and_then(|all| all.remove("robust")) {
         config["robust"] = serde_json::to_value(robust(value)?).map_err(plain)?;
     }
@@ -16,7 +16,7 @@ pub(crate) fn changed(config: FitConfig, changes: &str) -> Result<FitConfig, Str
     serde_json::from_value(config).map_err(plain)
 }
 
-/// Settings of robustness: nothing, the name of a loss, or what differs from the defaults of the loss.
+/// Reads robust settings: null, the name of a loss, or differences from the defaults of a loss.
 pub(crate) fn robust(changes: Value) -> Result<Option<Robust>, String> {
     let loss = match &changes {
         Value::Null => return Ok(None),
@@ -35,10 +35,10 @@ pub(crate) fn robust(changes: Value) -> Result<Option<Robust>, String> {
     serde_json::from_value(config).map(Some).map_err(plain)
 }
 
-/// The name of a plain fit, as on the command line.
+/// Name of a plain fit, as on the command line.
 const NO_LOSS: &str = "none";
 
-/// A loss, by its name.
+/// Returns a loss by name.
 fn loss(name: &Value) -> Result<Loss, String> {
     let mut all = Loss::ALL.into_iter();
     all.find(|loss| name == loss.name()).ok_or_else(|| {

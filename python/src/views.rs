@@ -1,4 +1,4 @@
-//! Images of a sequence at their poses.
+//! Images of a sequence with their poses.
 
 use crate::camera::Camera;
 use crate::error::{raised, raised_by_file};
@@ -8,13 +8,13 @@ use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// The measured points of an image, and the camera at its place.
+/// The measured points of an image, and its camera with the pose.
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct PosedView(pub(crate) lsdc_core::PosedView);
 
 #[pymethods]
 impl PosedView {
-    /// Of an image of this width and height; points with the same id are counted once.
+    /// Creates the view of an image of this width and height; points with the same id are counted once.
     #[new]
     fn new(
         py: Python<'_>,
@@ -35,7 +35,7 @@ impl PosedView {
     }
 }
 
-/// The indices of the views that share most with one of them, best first.
+/// Returns the indices of the views that share most with one of them, best first.
 #[pyfunction]
 pub(crate) fn neighbours(
     py: Python<'_>,
@@ -53,7 +53,7 @@ pub(crate) fn neighbours(
     py.detach(|| lsdc_core::neighbours(&views, index, &settings))
 }
 
-/// What became of the points of other views, by name.
+/// Returns the report on the points of other views, by name.
 pub(crate) fn described<'py>(
     py: Python<'py>,
     report: &ViewsReport,

@@ -8,7 +8,7 @@ import pytest
 
 import lsdc
 
-# Which need Ray.
+# The tests of clusters need Ray.
 collect_ignore = [] if find_spec("ray") and find_spec("pyarrow") else ["cluster"]
 
 ROOM = Path(__file__).parents[2] / "assets/room"
@@ -16,7 +16,7 @@ ROOM = Path(__file__).parents[2] / "assets/room"
 
 @pytest.fixture(scope="session")
 def image():
-    """64x48 pixels, with gradients."""
+    """An image of 64x48 pixels with gradients."""
     down, across = np.mgrid[:48, :64]
     return np.stack([across * 3, down * 4, across + down], axis=-1).astype(np.uint8)
 
@@ -42,5 +42,5 @@ def scene(completer, image):
 
 @pytest.fixture
 def names(image, sparse):
-    """What examples begin with."""
+    """Names that examples use."""
     return {"np": np, "lsdc": lsdc, "image": image, "sparse": sparse.copy()}

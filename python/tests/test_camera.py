@@ -19,7 +19,7 @@ def points():
 
 
 def quarter_turn():
-    """About the vertical axis."""
+    """A quarter turn about the vertical axis."""
     return [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
 
 
@@ -42,7 +42,7 @@ def test_poses(points):
 
 
 def test_lenses(points):
-    # By hand, as OpenCV documents it.
+    # The formula from OpenCV's documentation.
     k1, k2 = -0.2, 0.05
     x, y = (points[:, :2] / points[:, 2:]).T
     square = x * x + y * y
@@ -74,7 +74,7 @@ def test_what_a_camera_sees(completer, image):
     cloud = camera.see(np.vstack([wall, behind]), (64, 48))
     assert (len(cloud), cloud.invalid, cloud.outside, cloud.hidden) == (len(wall), 1, 2, 1)
     off = np.abs(completer.complete(image, cloud.points).depth - 2.0)
-    # The image shows nothing, so beyond the outermost points the network makes of it what it will.
+    # The image has no content, so the network's result beyond the outermost points is arbitrary.
     assert off.mean() < 0.02 and off[1:47, 2:62].max() < 0.05 and off.max() < 0.2
 
 
@@ -83,7 +83,7 @@ def test_other_resolutions(points):
     double = camera.scaled(2, 2)
     assert camera.size is None and lsdc.Camera(FOCAL, CENTER, size=(64, 48)).scaled(2, 2).size == (128, 96)
     assert double.focal == (200, 180) and double.center == (63.5, 47.5)
-    # Pixels are areas.
+    # Pixels are areas, so their corners are scaled.
     assert_allclose(double.project(points)[:, :2] + 0.5, (camera.project(points)[:, :2] + 0.5) * 2)
     assert_array_equal(double.project(points)[:, 2], camera.project(points)[:, 2])
 
@@ -119,7 +119,7 @@ def test_matrices_of_opencv_open3d_and_ros():
 def test_lenses_of_opencv_and_ros(points):
     five = [-0.2, 0.05, 1e-3, -2e-3, 0.01]
     expected = lsdc.Camera((500, 510), (319.5, 239.5), lens="radtan", coefficients=five).project(points)
-    # cv2.calibrateCamera gives (1, 5), or 12 and 14 with what is not modelled.
+    # cv2.calibrateCamera gives (1, 5), or 12 and 14 coefficients including unsupported ones.
     forms = (five, np.array([five]), np.array(five)[:, None], [*five, 0, 0, 0, 0, 0, 0, 0], [*five, *[0] * 9])
     for model in (None, "radtan", "plumb_bob", "rational_polynomial"):
         for form in forms:

@@ -1,4 +1,4 @@
-"""Completions in space."""
+"""Point clouds of completions."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_points_colours_and_deviations(completion, image):
     assert_array_equal(cloud.colors, image.reshape(-1, 3))
     assert_array_equal(cloud.sigma, completion.standard_deviation.ravel())
     assert len(cloud) == 48 * 64
-    # At another size the camera is that of the same view.
+    # The camera adapts to another size of the same view.
     assert len(completion.point_cloud(CAMERA, size=(32, 24))) == 32 * 24
 
 
@@ -73,7 +73,7 @@ def test_flying_pixels_are_left_out(edge):
         return np.count_nonzero((points[:, 2] > 1.3) & (points[:, 2] < 2.7))
 
     assert between(cloud.points) < 0.2 * between(whole.points)
-    # All that is far from the edge stays.
+    # Pixels far from the edge are kept.
     assert np.count_nonzero(cloud.points[:, 2] < 1.1) > 0.95 * np.count_nonzero(whole.points[:, 2] < 1.1)
 
 

@@ -22,7 +22,7 @@ ENCODED = ROOT / "crates/weights/weights/anything.safetensors"
 
 
 def completed(completer, image, sparse):
-    """A function that other processes find."""
+    """A function at module level, for other processes."""
     return completer.complete(image, sparse).depth
 
 
@@ -52,7 +52,7 @@ def test_damaged_weights(tmp_path):
 
 def test_weights_on_an_encoder_that_is_not_installed(monkeypatch, tmp_path):
     monkeypatch.setenv("LSDC_WEIGHTS", str(tmp_path / "nowhere"))
-    # Kept for the process where it was found before.
+    # In another process: this one remembers where it found the encoder.
     code = "import lsdc, sys; lsdc.Completer(sys.argv[1])"
     for weights in ("anything", str(ENCODED)):
         failed = subprocess.run([sys.executable, "-c", code, weights], capture_output=True, text=True, cwd=tmp_path)
@@ -69,7 +69,7 @@ def test_weights_on_an_encoder_that_is_installed(image, sparse):
     assert_array_equal(completed(lsdc.Completer(ENCODED), image, sparse), found)
     assert_array_equal(lsdc.complete(image, sparse, weights="anything"), found)
     assert_array_equal(completed(pickle.loads(pickle.dumps(own)), image, sparse), found)
-    # Many at once, on one pool.
+    # Many calls at once, on one pool.
     with ThreadPoolExecutor(8) as threads:
         made = list(threads.map(lambda _: lsdc.Completer("anything"), range(8)))
     assert_array_equal(completed(made[-1], image, sparse), found)
@@ -143,7 +143,7 @@ def test_many_threads_share_a_completer(completer, image, sparse):
     deviations = completer.complete(image, sparse).standard_deviation
 
     def work(i):
-        # The same completion is asked by all of them for the first time.
+        # All threads request the same result for the first time.
         assert_array_equal(completion.standard_deviation, deviations)
         assert_array_equal(completed(completer, image, sparse * (1 + i % 3)), expected[i % 3])
         return threading.get_ident()
@@ -153,7 +153,7 @@ def test_many_threads_share_a_completer(completer, image, sparse):
 
 
 def test_other_threads_run_meanwhile(completer, image, sparse):
-    # With the interpreter held, the loop would end before this thread counts once.
+    # If the interpreter were not released, the loop would end before this thread counts once.
     stop, counted = threading.Event(), []
     switch = sys.getswitchinterval()
 
@@ -179,7 +179,7 @@ def test_pickles(image, sparse, tmp_path):
     own = lsdc.Completer(stored, fit={"method": "lse"}, working_size=(80, 60), threads=1)
     expected, name = completed(own, image, sparse), repr(own)
     pickled = pickle.dumps(own)
-    # Another machine has no such file.
+    # Another machine does not have the file.
     stored.unlink()
     for other in (pickle.loads(pickled), copy.deepcopy(own)):
         assert repr(other) == name
@@ -209,7 +209,7 @@ def in_child(queue, completer, scene, image, sparse):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_forked_processes(image, sparse):
-    # The threads of a pool do not survive a fork: nothing may wait for them.
+    # The threads of a pool do not survive a fork, so calls must not wait for them.
     completer = lsdc.Completer("small")
     scene, expected = completer.scene(image), completed(completer, image, sparse)
     assert_array_equal(lsdc.complete(image, sparse, weights="small"), expected)

@@ -1,4 +1,4 @@
-"""What a completion knows."""
+"""Results of a completion."""
 
 import json
 import struct
@@ -16,12 +16,12 @@ def completion(scene, sparse):
     return scene.complete(sparse)
 
 
-# Pixels between the outermost points. The image shows nothing, so beyond them the network makes of it what it will.
+# Pixels between the outermost points. The image has no content, so the network's result beyond them is arbitrary.
 BETWEEN = np.s_[2:47, 2:63]
 
 
 def plane(sparse):
-    """The truth that the sparse depths were taken from."""
+    """The true depth from which the sparse depths were sampled."""
     return 1.5 + np.mgrid[:48, :64][1] / 64.0
 
 
@@ -49,7 +49,7 @@ def test_results_are_computed_once_and_cannot_be_written_to(completion):
         with pytest.raises(ValueError, match="read-only"):
             first[...] = 0
     assert completion.outliers is completion.outliers
-    # Those that are computed anew are the caller's.
+    # Maps computed at another size belong to the caller.
     completion.depth_at((64, 48))[...] = 0
     assert (completion.depth > 0).all()
 
@@ -63,7 +63,7 @@ def test_residuals_are_depths_minus_the_map(completion, sparse):
 
 
 def test_leaving_one_out_is_leaving_it_out(scene, sparse):
-    # With a given strength of the prior, the closed form is exact.
+    # With a fixed strength of the prior, the closed form is exact.
     random = np.random.default_rng(1)
     completer = lsdc.Completer("small", fit={"method": "lse", "lambda": 0.1})
     scene = completer.scene(random.integers(0, 255, (48, 64, 3), np.uint8))
@@ -72,7 +72,7 @@ def test_leaving_one_out_is_leaving_it_out(scene, sparse):
     completion = scene.complete(points)
     squares = completion.leave_one_out[np.isfinite(completion.leave_one_out)] ** 2
     assert_allclose(completion.leave_one_out_error, np.sqrt(squares.mean()))
-    # The prior is scaled by the mean depth, which moves a little.
+    # The prior is scaled by the mean depth, which changes slightly.
     for i in (0, 7, 20):
         others = scene.complete(np.delete(points, i, axis=0))
         error = points[i, 2] - others.at(points[i, :2])[0]
@@ -104,7 +104,7 @@ def test_robust_fits_and_outliers(scene, sparse):
     assert (robust.point_weights[found.index] < 0.1).all()
     assert (plain.point_weights == 1).all()
     assert_array_equal(found.weight, robust.point_weights[found.index])
-    # As settings, and in the completer.
+    # Robustness as settings, and set in the completer.
     cauchy = scene.complete(wrong, robust={"loss": "cauchy", "iterations": 5})
     assert np.abs(cauchy.depth - truth).mean() < np.abs(plain.depth - truth).mean()
     for other in (lsdc.Completer("small", robust="auto"), lsdc.Completer("small", fit={"robust": "auto"})):
@@ -114,7 +114,7 @@ def test_robust_fits_and_outliers(scene, sparse):
 
 
 def test_guides(completer, image):
-    # A floor that rises to a wall, and a box before them, known at scattered pixels.
+    # A floor that rises to a wall, and a box in front, with depths at scattered pixels.
     v, u = np.mgrid[:48, :64]
     truth = 4 - 0.05 * np.maximum(v - 20, 0)
     truth[22:40, 20:40] = 1.5
@@ -125,11 +125,11 @@ def test_guides(completer, image):
     guided = completer.complete(image, points, guide=guide)
     assert plain.report["guide_trust"] is None and guided.report["guide_trust"] > 0
     assert np.abs(guided.depth - truth).mean() < np.abs(plain.depth - truth).mean()
-    # For one fit, or for all of a scene.
+    # A guide for one fit, or for all fits of a scene.
     scene = completer.scene(image)
     assert_array_equal(scene.complete(points, guide=guide).depth, guided.depth)
     assert_array_equal(completer.scene(image, guide=guide).complete(points).depth, guided.depth)
-    # An array is one of depths, of any size and unit.
+    # An array is a guide of depths, of any size and unit.
     assert not completer.has_depth_head
     assert_array_equal(completer.complete(image, points, guide="none").depth, plain.depth)
     with pytest.raises(lsdc.InputError, match='neither a map nor "none"'):
@@ -171,7 +171,7 @@ def test_limits(completion, sparse):
 
 def test_basis_functions(scene):
     functions = scene.basis_functions([[0, 0], [31.5, 20.25]])
-    # The first is the constant 1, or what the image says of depth.
+    # The first function is the constant 1, or the depth predicted from the image.
     assert functions.shape[0] == 2 and (functions[:, 0] > 0).all()
     assert scene.basis_functions(np.zeros((0, 2))).shape[0] == 0
     with pytest.raises(lsdc.InputError):
@@ -223,7 +223,7 @@ def test_the_report_tells_how_far_the_map_is_from_the_joint_fit(completion, scen
 
 
 def test_alignment_pools_evidence_of_a_shift(completer):
-    """Points of three flat surfaces, where they are and 8 pixels beside."""
+    """Points of three flat surfaces, unshifted and shifted by 8 pixels."""
     random = np.random.default_rng(3)
     image = np.full((228, 304, 3), 60, np.uint8)
     image[:, 152:] = 180

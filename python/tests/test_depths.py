@@ -1,4 +1,4 @@
-"""Known depths in every form."""
+"""Known depths in every format."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_types_and_layouts(scene, sparse, dtype, layout):
 )
 def test_units(scene, sparse, unit, steps, dtype):
     stored = np.rint(sparse * steps).astype(dtype) if dtype != np.float64 else sparse.astype(dtype)
-    # What a correct division gives.
+    # The result of a correctly rounded division.
     metres = (stored.astype(np.float64) / steps).astype(np.float32)
     assert_array_equal(scene.complete(stored, unit=unit).depth, scene.complete(metres).depth)
     table = rows(sparse)
@@ -75,7 +75,7 @@ def test_integers_need_a_unit(scene, sparse):
             scene.complete(form)
         assert "mm" in caught.value.hint
         scene.complete(form, unit="mm")
-    # 1000 was meant to be 1 / 1000.
+    # 1000 was probably meant as 1 / 1000.
     for unit in ("feet", 0, -1.0, float("nan"), 1000, 256):
         with pytest.raises(lsdc.InputError, match="not a unit"):
             scene.complete(millimetres, unit=unit)
@@ -97,7 +97,7 @@ def test_points(scene, sparse, expected):
 
 
 def test_depths_scale_the_result(scene, sparse, expected):
-    # Exactly: no network sees a depth.
+    # Exactly, because the network sees no depths.
     assert_array_equal(scene.complete(sparse * 4).depth, expected * 4)
 
 
@@ -111,7 +111,7 @@ def test_deviations(scene, sparse):
     as_map = np.zeros_like(sparse)
     as_map[sparse > 0] = sigma
     assert_array_equal(scene.complete(sparse, sigma=as_map).depth, expected)
-    # In the unit of the depths.
+    # Standard deviations in the unit of the depths.
     in_mm = scene.complete(sparse * 1000, sigma=as_map * 1000, unit="mm").depth
     assert_allclose(in_mm, expected, rtol=1e-4)
     same = scene.complete(table, sigma=np.full(len(table), 0.05)).depth
@@ -162,7 +162,7 @@ def test_what_is_left_out_is_counted(scene):
 def test_maps_of_fewer_and_more_pixels(scene):
     low = np.linspace(1.5, 2.5, 12 * 16, dtype=np.float32).reshape(12, 16)
     v, u = np.mgrid[:12, :16]
-    # The centre of a pixel of the map, between those of four by four.
+    # The centre of a pixel of the map is between four by four pixels of the image.
     points = np.column_stack([4 * u.ravel() + 1.5, 4 * v.ravel() + 1.5, low.ravel()])
     completion = scene.complete(low, sigma=np.full_like(low, 0.1))
     assert_array_equal(completion.points, points)
@@ -203,7 +203,7 @@ def test_files(scene, sparse, expected, tmp_path):
         assert_array_equal(scene.complete(str(tmp_path / name), unit="m").depth, expected)
     completion = scene.complete(tmp_path / "map.npy", sigma=0.05)
     assert_array_equal(completion.depth, scene.complete(sparse, sigma=0.05).depth)
-    # The unit of integers is a guess.
+    # The unit of integers is guessed.
     np.save(tmp_path / "steps.npy", (sparse * 1000).astype(np.uint16))
     with pytest.warns(lsdc.FileWarning, match="taken to be in") as caught:
         scene.complete(tmp_path / "steps.npy")
@@ -266,7 +266,7 @@ def test_huge_and_tiny_depths(scene, sparse):
     for factor in (1e-12, 1e12):
         depth = scene.complete(sparse.astype(np.float64) * factor).depth
         assert_allclose(depth / factor, scene.complete(sparse).depth, rtol=1e-4)
-    # Beyond float32, where no depth is.
+    # Values that float32 cannot represent, at pixels without depth.
     beyond = sparse.astype(np.float64)
     beyond[2, 2] = 1e300
     report = scene.complete(beyond).report

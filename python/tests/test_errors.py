@@ -1,4 +1,4 @@
-"""Exceptions, and cameras' refusals among them."""
+"""Exceptions, including those of cameras."""
 
 import copy
 import pickle

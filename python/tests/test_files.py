@@ -1,4 +1,4 @@
-"""Files: what is read is what other programs wrote, and what is guessed is said."""
+"""Files: reads what other programs wrote, and reports guesses."""
 
 import struct
 import warnings
@@ -90,13 +90,13 @@ def test_remarks_reach_whoever_completes_a_path(scene, sparse, tmp_path):
     np.save(tmp_path / "map.npy", (sparse * 1000).astype(np.uint16))
     with pytest.warns(lsdc.FileWarning, match="map.npy: taken to be in") as caught:
         scene.complete(tmp_path / "map.npy")
-    # At the line that asked for it.
+    # The warning is at the line of the caller.
     assert caught[0].filename == __file__
 
 
 @pytest.fixture
 def model(tmp_path):
-    """The folder of a model with an image of 64x48."""
+    """A folder of a model with an image of 64x48."""
     files = {
         "cameras": "1 PINHOLE 64 48 100 100 32 24\n",
         "images": "1 1 0 0 0 0 0 0 1 a/left.png\n32 24 7 37 14 8 60 5 9\n",
@@ -113,7 +113,7 @@ def test_models_of_colmap(model):
         assert found.images == {"a/left.png": (64, 48)}
         with pytest.warns(lsdc.FileWarning, match="left.png: points left out: 1 without a usable depth"):
             points = found.points("a/left.png")
-        # COLMAP counts from the corner of the first pixel. A reprojection error of half a pixel at a focal length of 100.
+        # COLMAP's origin is the corner of the first pixel. The reprojection error is half a pixel at a focal length of 100.
         np.testing.assert_allclose(points, [[31.5, 23.5, 2, 0.01], [36.5, 13.5, 2, 0.01]], rtol=1e-6)
         with pytest.raises(lsdc.InputError, match="no image `b`"):
             found.points("b")
@@ -131,10 +131,10 @@ def test_images_of_a_model_that_are_larger_or_turned(model):
             return model.points("a/left.png", size=size, exif=exif)[:, :2].tolist()
 
     assert places((128, 96)) == [[63.5, 47.5], [73.5, 27.5]]
-    # EXIF 6: the first row is the right side. 3: by 180 degrees.
+    # EXIF 6: the first row is the right side. EXIF 3: rotated by 180 degrees.
     assert places((64, 48), 6) == [[48 - 1 - 23.5, 31.5], [48 - 1 - 13.5, 36.5]]
     assert places((64, 48), 3) == [[63 - 31.5, 47 - 23.5], [63 - 36.5, 47 - 13.5]]
-    # The model was made of images that had been turned already.
+    # The model was made from images that had already been rotated.
     assert places((48, 64), 6) == places((64, 48))
     with pytest.raises(lsdc.InputError, match="64x48 in the model"):
         model.points("a/left.png", size=(50, 50))
@@ -165,7 +165,7 @@ def test_models_of_pycolmap(tmp_path, lens):
             expected = np.column_stack([np.array([place for place, _ in seen]) - 0.5, world @ pose[2, :3] + pose[2, 3]])
             found = ours.points(image.name)[:, :3]
             np.testing.assert_allclose(found, expected, rtol=1e-6)
-            # Made without noise, points are seen where our own cameras project them.
+            # The model has no noise: points are where our cameras project them.
             camera = lsdc.Camera(
                 (1280, 1280),
                 (511.5, 383.5),

@@ -1,4 +1,4 @@
-"""Images in every form give the depth of the plain array."""
+"""Images in every format give the depth of the plain array."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def expected(scene, sparse):
 
 
 def padded(image):
-    """The same pixels in a larger array."""
+    """Returns the same pixels as a view of a larger array."""
     larger = np.zeros((50, 70, 3), np.uint8)
     larger[1:49, 3:67] = image
     return larger[1:49, 3:67]
@@ -26,7 +26,7 @@ def read_only(image):
 
 
 class Exchanged:
-    """An array of another library that speaks DLPack alone."""
+    """An array of another library that supports only DLPack."""
 
     def __init__(self, array):
         self.array = array
@@ -76,7 +76,7 @@ def test_layouts(completer, image, sparse, expected, layout):
 def test_blue_first(completer, image, sparse, expected):
     opencv = np.ascontiguousarray(image[..., ::-1])
     assert_array_equal(completer.complete(opencv, sparse, order="bgr").depth, expected)
-    # A view whose colours lie in memory as they are named.
+    # A view whose memory has the order of colours that is given.
     assert_array_equal(completer.complete(image[..., ::-1], sparse, order="bgr").depth, expected)
     alpha = np.dstack([opencv, opencv[..., :1]])
     assert_array_equal(completer.complete(alpha, sparse, order="bgr").depth, expected)
@@ -102,7 +102,7 @@ def test_pillow_and_files(completer, image, sparse, expected, tmp_path):
     assert_array_equal(completer.complete(palette, sparse).depth, expected)
     turned = Image.fromarray(np.rot90(image))
     exif = turned.getexif()
-    # To be turned clockwise.
+    # To be rotated clockwise.
     exif[274] = 6
     turned.save(tmp_path / "turned.png", exif=exif)
     assert completer.scene(tmp_path / "turned.png").size == (64, 48)
@@ -121,7 +121,7 @@ def test_a_picture_is_read_as_by_the_program(completer, image, sparse, tmp_path)
     found, remarks = _native.read_image(str(tmp_path / "noise.jpg"))
     assert remarks == []
     assert found.shape == (48, 64, 3) and found.dtype == np.uint8
-    # The decoders round in other places.
+    # The decoders round differently.
     assert np.abs(found.astype(int) - np.asarray(Image.open(tmp_path / "noise.jpg"))).max() <= 40
     expected = completer.complete(found, sparse).depth
     assert_array_equal(completer.complete(tmp_path / "noise.jpg", sparse).depth, expected)

@@ -1,4 +1,4 @@
-"""Many images: the results of one after another, in their order."""
+"""Many images give the results of single completions, in order."""
 
 import threading
 

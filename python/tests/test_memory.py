@@ -1,4 +1,4 @@
-"""Many calls need no more memory than few.
+"""Many calls need no more memory than a few.
 
 `LSDC_CALLS` is the number of calls: 2,000 by default, 100,000 before a release.
 """
@@ -25,14 +25,14 @@ def resident() -> int:
 
 @pytest.fixture(scope="module")
 def tiny():
-    """What takes little time."""
+    """A small image and points, which take little time."""
     completer = lsdc.Completer("small", fit={"method": "lse"}, working_size=(16, 12), threads=1)
     image = np.arange(12 * 16 * 3, dtype=np.uint8).reshape(12, 16, 3)
     return completer, image
 
 
 def grown(call, count):
-    """Bytes that memory grows by in `count` calls, after a tenth as many."""
+    """Returns the growth of memory in bytes over `count` calls, after a tenth as many."""
     for _ in range(max(count // 10, 50)):
         call()
     before = resident()

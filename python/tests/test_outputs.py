@@ -1,4 +1,4 @@
-"""Networks that other programs run."""
+"""Outputs of networks that other programs run."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def at_image_size():
 
 @pytest.fixture(scope="module")
 def outputs(at_image_size, image):
-    """The network's own basis functions, with equal affinities, which this fit does not read."""
+    """The network's own basis functions, with constant affinities, which this fit does not use."""
     y, x = np.mgrid[:48, :64]
     functions = at_image_size.scene(image).basis_functions(np.stack([x.ravel(), y.ravel()], axis=-1))
     return functions.T.reshape(1, -1, 48, 64), np.ones((1, 2, 48, 64), np.float32)

@@ -1,6 +1,6 @@
-"""The same numbers as the program.
+"""The package gives the same numbers as the program.
 
-`LSDC_PROGRAM` names it; by default, what cargo built, if it did.
+`LSDC_PROGRAM` is the program; by default, the one built by cargo, if there is one.
 """
 
 import os
@@ -25,7 +25,7 @@ def room():
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """What the program writes for the room."""
+    """Results that the program writes for the room."""
     if "LSDC_PROGRAM" not in os.environ and not PROGRAM.exists():
         pytest.skip("the program is not built")
     folder = tmp_path_factory.mktemp("program")
@@ -108,10 +108,10 @@ def test_the_picture_is_that_of_the_program(room, results):
     low, high = np.quantile(completion.depth, [0.01, 0.99])
     out = results("picture", ROOM / "sparse.npy", "--range", f"{low},{high}")
     expected = np.asarray(Image.open(out / "rgb_depth_color.png").convert("RGB"), dtype=int)
-    # Without the scale below the map.
+    # Remove the colour scale below the map.
     expected = expected[: completion.depth.shape[0]]
     from io import BytesIO
 
     shown = Image.open(BytesIO(completion._repr_png_()))
-    # Rounded in other places.
+    # Colours are rounded differently.
     assert np.abs(np.asarray(shown, dtype=int) - expected).max() <= 1

@@ -1,4 +1,4 @@
-"""Images with poses: points of neighbours join."""
+"""Images with poses use points of their neighbours."""
 
 import subprocess
 
@@ -13,14 +13,14 @@ CAMERA = lsdc.Camera((80, 80), (47.5, 35.5), size=(WIDTH, HEIGHT))
 
 
 def place(frame):
-    """The camera moves to the right in front of a wall at 3 m, and does not turn."""
+    """Pose of a camera that moves to the right in front of a wall at 3 m without turning."""
     pose = np.eye(4)
     pose[0, 3] = 0.15 * frame
     return pose
 
 
 def wall(frame):
-    """The depth of a wall with waves, z = 3 + 0.3 sin(2.4 x + 2 y), at every pixel of a frame."""
+    """Depth of a wavy wall, z = 3 + 0.3 sin(2.4 x + 2 y), at every pixel of a frame."""
     down, across = np.mgrid[:HEIGHT, :WIDTH]
     right, down = (across - 47.5) / 80, (down - 35.5) / 80
     z = np.full((HEIGHT, WIDTH), 3.0)
@@ -30,7 +30,7 @@ def wall(frame):
 
 
 def points(frame):
-    """Other places of the wall in each frame."""
+    """Points of a frame, at different places of the wall for each frame."""
     pixels = np.arange(frame * 13, WIDTH * HEIGHT, 151)
     return np.stack([pixels % WIDTH, pixels // WIDTH, wall(frame).ravel()[pixels]], axis=1)
 
@@ -61,7 +61,7 @@ def test_points_of_neighbours_lower_the_error(completer, images, views):
         assert single.views is None
         for errors, found in ((alone, single), (together, completion)):
             errors.append(np.sqrt(np.mean((found.depth - wall(frame)) ** 2)))
-        # Those of the image itself.
+        # Points of the image itself.
         own = len(points(frame))
         assert len(completion.residuals) == len(completion.leave_one_out) == len(completion.points) == own
         assert completion.report["given"] == own + report.carried
@@ -128,7 +128,7 @@ def test_points_that_views_share_count_once(completer, images):
 def test_a_pose_leads_from_the_camera_to_the_world():
     turned = np.array([[0.0, 0, 1, 5], [-1, 0, 0, 6], [0, -1, 0, 7], [0, 0, 0, 1]])
     camera = CAMERA.with_pose(turned)
-    # Two metres ahead, which is the world's x.
+    # Two metres ahead, along the world's x axis.
     np.testing.assert_allclose(camera.project([[7, 6, 7]]), [[47.5, 35.5, 2]], atol=1e-12)
     np.testing.assert_allclose(CAMERA.with_pose(turned[:3]).rotation, turned[:3, :3].T)
     fisheye = lsdc.Camera((80, 80), (47.5, 35.5), lens="fisheye").with_pose(turned)

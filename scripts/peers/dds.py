@@ -1,11 +1,11 @@
-"""Topics between lsdc-dds and Eclipse Cyclone DDS, by its Python package: images, clouds and transforms there and back.
+"""Exchanges images, clouds and transforms between lsdc-dds and Eclipse Cyclone DDS (its Python package), there and back.
 
     pip install cyclonedds
     cargo build --release -p lsdc-dds --example relay
     python scripts/peers/dds.py target/release/examples/relay
 
-The program publishes every message again under another name; every byte must come back. Then each side is killed
-(SIGKILL) and started again. `--graph` also reads the node's name as `ros2 node list` does.
+The program republishes every message under another name; all bytes must come back unchanged. Then each side is killed
+(SIGKILL) and restarted. `--graph` also reads the node's name as `ros2 node list` does.
 """
 
 import argparse
@@ -188,7 +188,7 @@ class Ends:
         self.reader = DataReader(self.participant, Topic(self.participant, back, kind), qos=qos(quality))
 
     def exchange(self, message, again=False):
-        """Writes a message and waits until it is back; again and again, while the other side is starting."""
+        """Writes a message until it comes back, repeatedly while the other side is starting."""
         start = written = time.monotonic()
         self.writer.write(message)
         while time.monotonic() - start < PATIENCE:
@@ -255,13 +255,13 @@ def check_kills(relay):
 
 
 def check_latched(relay):
-    """A transform that was written before anyone listened."""
+    """Checks that a transform written before there were listeners arrives."""
     ends = Ends(TFMessage, "latched", "rt/tf_static", "rt/tf_static_back")
     ends.writer.write(transforms(3))
     time.sleep(1)
     process = start(relay, "/tf_static", "/tf_static_back", "tf2_msgs/msg/TFMessage", "latched")
     begin = time.monotonic()
-    # A second listener comes after the transform has come back.
+    # A second listener joins after the transform has come back.
     for reader in (ends, None):
         if reader is None:
             reader = Ends(TFMessage, "latched", "rt/other", "rt/tf_static_back")

@@ -1,4 +1,4 @@
-// Messages there and back between lsdc-dds and Fast DDS, in whole and unchanged.
+// Exchanges messages between lsdc-dds and Fast DDS, and checks that they come back complete and unchanged.
 //
 //   g++ -std=c++17 -O1 -o dds_fast scripts/peers/dds_fast.cpp -lfastrtps -lfastcdr    # libfastrtps-dev on Debian
 //   relay /there /back sensor_msgs/msg/Image default &
@@ -32,7 +32,7 @@ using eprosima::fastrtps::rtps::SerializedPayload_t;
 using Bytes = std::vector<unsigned char>;
 using Clock = std::chrono::steady_clock;
 
-// A message with its encapsulation, as it is on the wire.
+// A message with its encapsulation, as sent over the wire.
 struct RawType : TopicDataType {
     RawType(const std::string& name, size_t largest) {
         setName(name.c_str());
@@ -106,7 +106,7 @@ int main(int count, char** arguments) {
             while (reader->take_next_sample(&received, &info) == ReturnCode_t::RETCODE_OK) {
                 if (received.size() >= size) break;
             }
-            // Fast DDS pads small messages to four bytes, and does not note it.
+            // Fast DDS pads small messages to four bytes without recording it.
             if (received.size() > size && received.size() < size + 4) received.resize(size);
             auto now = Clock::now();
             if (now - start > std::chrono::seconds(20)) {
@@ -114,7 +114,7 @@ int main(int count, char** arguments) {
                 std::fflush(stdout);
                 _exit(1);
             }
-            // The first is written again while the other side is starting; a latched one need not be.
+            // The first message is repeated while the other side is starting, unless it is latched.
             if (seed == 0 && !latched && received != sent && now - written > std::chrono::seconds(1)) {
                 written = now;
                 writer->write(&sent);

@@ -1,4 +1,4 @@
-"""A vision transformer as DINOv2 publishes it (ViT-S/14), in PyTorch, with random weights by DINOv2's names."""
+"""The vision transformer of DINOv2 (ViT-S/14) in PyTorch, with random weights and DINOv2's names."""
 
 import torch
 from torch import nn
@@ -59,7 +59,7 @@ class Patches(nn.Module):
 
 
 class Encoder(nn.Module):
-    """From normalised images `[1, 3, height, width]` to `[taps, patches, channels]`."""
+    """Maps normalised images `[1, 3, height, width]` to features `[taps, patches, channels]`."""
 
     def __init__(self, rows: int, columns: int):
         super().__init__()
@@ -73,7 +73,7 @@ class Encoder(nn.Module):
 
     @torch.no_grad()
     def randomise(self) -> dict[str, torch.Tensor]:
-        """Random weights that keep values in a range as trained ones do; returns them by name."""
+        """Sets random weights that keep values in a range, like trained ones; returns them by name."""
         generator = torch.Generator().manual_seed(0)
         for name, value in self.named_parameters():
             mean = 1.0 if "norm" in name and name.endswith("weight") else 0.0
@@ -83,7 +83,7 @@ class Encoder(nn.Module):
         return {name: value.detach().clone() for name, value in self.named_parameters()}
 
     def place(self) -> None:
-        """The table of positions at the size of the image, as DINOv2 interpolates it."""
+        """Returns the position embeddings for the size of the image, interpolated as in DINOv2."""
         rows, columns = self.size
         table = self.pos_embed[:, 1:].unflatten(1, (SIDE, SIDE)).permute(0, 3, 1, 2)
         scale = ((rows + 0.1) / SIDE, (columns + 0.1) / SIDE)

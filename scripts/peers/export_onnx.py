@@ -5,10 +5,10 @@
 
 Needs `cargo build --release` and the Python package of this repository (`pip install ./python`) with numpy, onnx and
 onnxruntime. Checks the graphs with `onnx.checker`, then prints for each of the weights and sizes the largest relative
-differences: of basis functions, as shares of the largest value of each function, and of the depths and standard deviations
-of a completion of points at pixel centres, which depend on the affinities. Fails if one exceeds 1e-4. `between` is that of
-depths for points between pixels, which has no bound: lsdc computes basis functions at the point, and outputs are interpolated.
-Times of the network are medians of some runs.
+differences: of basis functions, relative to the largest value of each function, and of the depths and standard deviations of
+a completion of points at pixel centres, which depend on the affinities. Fails if one exceeds 1e-4. `between` is the difference
+of depths for points between pixels, which has no limit: lsdc computes basis functions at the point, but outputs are
+interpolated. Times of the network are medians of several runs.
 """
 
 import argparse
@@ -28,7 +28,7 @@ TOLERANCE = 1e-4
 
 
 def room(width: int, height: int) -> np.ndarray:
-    """Patches of different colours with soft and hard edges, and noise."""
+    """Returns patches of different colours with soft and hard edges, and noise."""
     generator = np.random.default_rng(1)
     down, across = np.mgrid[:height, :width] / max(width, height)
     image = np.stack([0.3 + 0.4 * across, 0.6 - 0.3 * down, 0.5 + 0.2 * np.sin(9 * across * down)], -1)
@@ -56,7 +56,7 @@ def milliseconds(run, count: int = 7) -> float:
 
 
 def compare(session: onnxruntime.InferenceSession, weights: str, width: int, height: int) -> float:
-    """The largest of the differences, which it prints."""
+    """Prints the differences, and returns the largest."""
     completer = lsdc.Completer(weights, working_size=(width, height))
     image = room(width, height)
     inputs = {"image": completer.network_input(image)}
@@ -69,7 +69,7 @@ def compare(session: onnxruntime.InferenceSession, weights: str, width: int, hei
     between = points(width, height)
     centred = between.copy()
     centred[:, :2] = centred[:, :2].round()
-    # Two depths of one pixel are one point.
+    # Keep one depth per pixel.
     centred = centred[np.unique(centred[:, :2], axis=0, return_index=True)[1]]
 
     def apart(known: np.ndarray, what: str) -> float:

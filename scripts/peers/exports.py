@@ -1,15 +1,15 @@
-"""The workspaces of `lsdc complete --export`, read by the programs that they are for, on a scene of known geometry.
+"""Reads the workspaces of `lsdc complete --export` with their target programs, on a scene of known geometry.
 
     pip install numpy scipy pillow opencv-python-headless pycolmap plyfile; apt install colmap
     python3 scripts/peers/exports.py target/release/lsdc [--splatting CLONE] [--nerfstudio CLONE] [--work DIR]
 
 Eight pinhole views of two boxes in a room are ray-cast with exact depth. `lsdc` completes them twice: from the landmarks of
-a sparse model, and with `--method nearest` from a model that has a point at every pixel, which exports exact depth. Then
+a sparse model, and with `--method nearest` from a model with a point at every pixel, which exports exact depth. Then
 - pycolmap reads the depth and normal maps, and `colmap stereo_fusion` (and pycolmap's) fuses them. Accuracy is the share of
-  the fused points within a distance of the surfaces, completeness the share of the surface, seen by three views or more,
+  fused points within a distance of the surfaces; completeness is the share of the surface, as seen by three views or more,
   within that distance of a fused point;
-- the loaders of clones of graphdeco-inria/gaussian-splatting and nerfstudio read theirs. They run on NumPy: a few lines stand
-  in for torch, of which they need arrays alone.
+- the loaders of clones of graphdeco-inria/gaussian-splatting and nerfstudio read their workspaces. They run on NumPy: a few
+  lines replace torch, of which they need only arrays.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 WIDTH, HEIGHT, FOCAL = 480, 360, 400.0
-CENTRE = (WIDTH / 2, HEIGHT / 2)  # COLMAP's: the first pixel has its centre at 0.5
+CENTRE = (WIDTH / 2, HEIGHT / 2)  # COLMAP's convention: the centre of the first pixel is 0.5
 VIEWS = 8
 LANDMARKS = 3000
 DISTANCES = (0.01, 0.02, 0.05)
@@ -42,7 +42,7 @@ DISTANCES = (0.01, 0.02, 0.05)
 
 
 def faces(low, high, inward):
-    """The six rectangles of a box: corner, two edges, normal."""
+    """Returns the six rectangles of a box: corner, two edges, normal."""
     low, high = np.array(low, float), np.array(high, float)
     found = []
     for axis in range(3):
@@ -67,7 +67,7 @@ RECTANGLES = (
 
 
 def cast(origin, rays):
-    """Distance along each ray to the first surface, and which it is."""
+    """Returns the distance along each ray to the first surface, and the index of the surface."""
     best, which = np.full(len(rays), np.inf), np.zeros(len(rays), int)
     for index, (corner, edges, normal) in enumerate(RECTANGLES):
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -83,7 +83,7 @@ def cast(origin, rays):
 
 
 def distance(points):
-    """The distance of points to the nearest surface."""
+    """Returns the distance of points to the nearest surface."""
     best = np.full(len(points), np.inf)
     for corner, edges, normal in RECTANGLES:
         offset = points - corner
@@ -107,7 +107,7 @@ def colours(points, which):
 
 
 def poses():
-    """World to camera, on an arc around the boxes."""
+    """Returns world-to-camera poses on an arc around the boxes."""
     target = np.array([0.2, 0.1, 0.5])
     for angle in np.radians(np.linspace(-50, 50, VIEWS)):
         centre = np.array([2.6 * np.sin(angle), -2.6 * np.cos(angle), 1.6])
@@ -136,7 +136,7 @@ def project(points, pose):
 
 
 def sees(pose, points):
-    """Which points a view sees, and where."""
+    """Returns which points a view sees, and their positions in the image."""
     rotation, translation = pose
     at, depth = project(points, pose)
     inside = (depth > 0) & (at > 1).all(1) & (at < np.array([WIDTH, HEIGHT]) - 1).all(1)
@@ -158,7 +158,7 @@ class Scene:
             self.normals.append((normals[which] @ rotation.T).reshape(HEIGHT, WIDTH, 3))
             self.images.append(colours(points, which).reshape(HEIGHT, WIDTH, 3))
             clouds.append(points)
-        # The surface that three views or more see, about a point for each 2 cm.
+        # The surface seen by three views or more, with about a point per 2 cm.
         cloud = np.concatenate(clouds)[:: 5]
         _, first = np.unique(np.floor(cloud / 0.02).astype(int), axis=0, return_index=True)
         cloud = cloud[first]
@@ -178,7 +178,7 @@ class Scene:
             Image.fromarray(image).save(path)
 
     def write_model(self, folder, dense):
-        """COLMAP's binary model: the landmarks that two views or more see, and with `dense` a point for each pixel."""
+        """Writes a binary COLMAP model: the landmarks seen by two views or more, and with `dense` a point for each pixel."""
         folder.mkdir(parents=True)
         camera = struct.pack("<QIiQQ4d", 1, 1, 1, WIDTH, HEIGHT, FOCAL, FOCAL, *CENTRE)
         (folder / "cameras.bin").write_bytes(camera)
@@ -223,7 +223,7 @@ class Scene:
 
 
 def check_maps(scene, folder, depths):
-    """The maps as pycolmap reads them."""
+    """Checks the maps as read by pycolmap."""
     worst, angles = 0.0, []
     for view in range(VIEWS):
         name = f"{scene.name(view)}.geometric.bin"
@@ -231,7 +231,7 @@ def check_maps(scene, folder, depths):
         depth.read(str(folder / "stereo/depth_maps" / name))
         normal.read(str(folder / "stereo/normal_maps" / name))
         worst = max(worst, np.abs(depth.to_array() - depths[view]).max())
-        # COLMAP stores a matrix channel by channel; pycolmap 4.2.1 hands out the bytes as if channels were innermost.
+        # COLMAP stores a matrix channel by channel; pycolmap 4.2.1 returns the bytes as if channels were innermost.
         found = normal.to_array().reshape(3, HEIGHT, WIDTH).transpose(1, 2, 0)
         cosines = (found * scene.normals[view]).sum(-1).clip(-1, 1)
         angles.append(np.degrees(np.arccos(cosines)).ravel())
@@ -271,7 +271,7 @@ def fuse(scene, folder):
 
 
 class Tensor(np.ndarray):
-    """What loaders ask of torch's tensors."""
+    """The part of torch's tensors that loaders use."""
 
     def to(self, *_):
         return self
@@ -310,9 +310,9 @@ def stand_in_for_torch():
 
 
 def check_splatting(scene, folder, clone, depths):
-    """The scene as `train.py -s FOLDER -d depths` reads it."""
+    """Checks the scene as read by `train.py -s FOLDER -d depths`."""
     sys.path.insert(0, str(clone))
-    # What is imported beside the loaders needs a GPU.
+    # Other imports of the package need a GPU.
     package = types.ModuleType("scene")
     package.__path__ = [str(clone / "scene")]
     model = types.ModuleType("scene.gaussian_model")
@@ -338,7 +338,7 @@ def check_splatting(scene, folder, clone, depths):
 
 
 def check_nerfstudio(scene, folder, clone, depths):
-    """Depths by nerfstudio's own function; poses by its axes, with the exact surface."""
+    """Checks depths with nerfstudio's own function, and poses in its axes with the exact surface."""
     read = None
     if clone:
         source = (clone / "nerfstudio/data/utils/data_utils.py").read_text()

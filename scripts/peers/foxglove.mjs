@@ -1,15 +1,15 @@
-// Shows what `lsdc node --foxglove` serves to Foxglove's own packages: their client, and their reader of messages.
+// Reads the topics of `lsdc node --foxglove` with Foxglove's own packages: client and message reader.
 //
 //     npm install @foxglove/ws-protocol@0.8.0 @foxglove/rosmsg@5.0.5 @foxglove/rosmsg2-serialization@3.1.0 ws@8.23.0
 //     node scripts/peers/foxglove.mjs ws://127.0.0.1:8765 /lsdc/depth/image,/diagnostics [SECONDS]
 //
-// Waits for the server, subscribes to all channels, and decodes every message by the definition of its channel, until each of
-// the topics has come three times. Foxglove's panels are not looked at.
+// Waits for the server, subscribes to all channels, and decodes every message by the definition of its channel, until each
+// topic has been received three times. Foxglove's panels are not tested.
 
 import { createRequire } from "node:module";
 import { resolve } from "node:path";
 
-// The packages are those of the working folder.
+// Packages are loaded from the working folder.
 const load = createRequire(resolve("package.json"));
 const { FoxgloveClient } = load("@foxglove/ws-protocol");
 const { parse } = load("@foxglove/rosmsg");

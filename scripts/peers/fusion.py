@@ -5,11 +5,11 @@
     cargo build --release
     target/peers-fusion/bin/python scripts/peers/fusion.py
 
-The scene is a closed room of 4 x 3 x 2.5 m with a sphere and a box, seen by a camera that turns on a circle. Depths are exact, or
-have noise like that of completed depth: correlated over some 20 pixels, with a standard deviation from 0.5 to 4 % of the depth
-that differs between places. Prints the share of the surface that lies within 1, 2 and 5 cm of the exact geometry (accuracy), the
-share of the visible geometry that has a surface within these distances (completeness), and the mean distances. All peers have the
-same voxels. Open3D truncates at four voxels, as lsdc does at least. (The volume of Open3D 0.20.0 stays empty.)
+The scene is a closed room of 4 x 3 x 2.5 m with a sphere and a box, seen by a camera that moves on a circle. Depths are exact,
+or have noise like completed depth: correlated over about 20 pixels, with a standard deviation from 0.5 to 4 % of the depth that
+varies between places. Prints the share of the surface within 1, 2 and 5 cm of the exact geometry (accuracy), the share of the
+visible geometry with a surface within these distances (completeness), and the mean distances. All peers use the same voxels.
+Open3D truncates at four voxels, the least truncation of lsdc. (The volume of Open3D 0.20.0 stays empty.)
 """
 
 import argparse
@@ -32,7 +32,7 @@ LIMITS = (0.01, 0.02, 0.05)
 
 
 def cameras(count):
-    """Rotations (camera to world) and positions on a circle; two thirds look inwards, the others at the walls."""
+    """Returns rotations (camera to world) and positions on a circle; two thirds look inwards, the others at the walls."""
     for index in range(count):
         angle = 2 * np.pi * index / count
         position = np.array([1.5 * np.cos(angle), -0.3 + 0.2 * np.sin(3 * angle), 1.1 * np.sin(angle)])
@@ -44,7 +44,7 @@ def cameras(count):
 
 
 def distance(points):
-    """Distances to the exact surfaces."""
+    """Returns distances to the exact surfaces."""
     room = np.min(ROOM - np.abs(points), axis=1)
     sphere = np.linalg.norm(points - SPHERE, axis=1) - RADIUS
     outside = np.maximum(BOX_LOW - points, points - BOX_HIGH)
@@ -53,7 +53,7 @@ def distance(points):
 
 
 def render(rotation, position):
-    """Exact depths of a camera and the points they belong to."""
+    """Returns the exact depths of a camera, and their points."""
     columns, rows = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     rays = np.stack([(columns - CENTER[0]) / FOCAL, (rows - CENTER[1]) / FOCAL, np.ones_like(columns)], axis=-1)
     along = rays.reshape(-1, 3) @ rotation.T
@@ -71,7 +71,7 @@ def render(rotation, position):
 
 
 def smooth(random, pixels):
-    """A field of mean 0 and variance 1, correlated over some pixels."""
+    """Returns a random field of mean 0 and variance 1, correlated over some pixels."""
     spectrum = np.fft.rfft2(random.standard_normal((HEIGHT, WIDTH)))
     u, v = np.fft.rfftfreq(WIDTH)[None, :], np.fft.fftfreq(HEIGHT)[:, None]
     field = np.fft.irfft2(spectrum * np.exp(-2 * (np.pi * pixels) ** 2 * (u**2 + v**2) / 4), s=(HEIGHT, WIDTH))

@@ -1,10 +1,10 @@
-"""The network of a weights file in PyTorch on a GPU: forward passes, and steps of training as `lsdc bench --training`
-makes them.
+"""Times the network of a weights file in PyTorch on a GPU: forward passes, and training steps like those of
+`lsdc bench --training`.
 
     python scripts/peers/gpu.py WEIGHTS [--size 304x228] [--runs 15]
 
-Prints one JSON object a line. TensorFloat-32, which PyTorch's convolutions use unless told otherwise, is measured
-beside full single precision."""
+Prints one JSON object per line. Measures TensorFloat-32, the default of PyTorch's convolutions, and full single
+precision."""
 
 import argparse
 import json

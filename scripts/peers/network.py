@@ -12,7 +12,7 @@ EPSILON = 1e-5
 
 
 class Graph:
-    """Nodes and constants as they are added."""
+    """Collects nodes and constants."""
 
     def __init__(self, tensors: dict[str, np.ndarray]):
         self.tensors = {name: t.astype(np.float32) for name, t in tensors.items()}
@@ -30,7 +30,7 @@ class Graph:
         return name
 
     def line(self, norm: str) -> tuple[np.ndarray, np.ndarray]:
-        """Slope and offset of a batch normalisation."""
+        """Returns the slope and offset of a batch normalisation."""
         part = {
             key: self.tensors[f"{norm}.Batch.{key}"].astype(np.float64)
             for key in ("gain", "shift", "running_mean", "running_variance")
@@ -74,7 +74,7 @@ class Graph:
 
 
 def backbone_blocks(stages: int) -> list[dict]:
-    """Of the blocks of EfficientNet-Lite0: their stride, whether their input is added, whether their output is read."""
+    """Returns the blocks of EfficientNet-Lite0: stride, whether the input is added, and whether the output is used."""
     # Stride of the first block and number of blocks.
     sizes = [(1, 1), (2, 2), (2, 2), (2, 3), (1, 3), (2, 4), (1, 1)]
     blocks = []
@@ -104,7 +104,7 @@ def seen_by_backbone(graph: Graph, image: str, stages: int) -> list[str]:
 
 
 def pyramid(graph: Graph, maps: list[str], size: tuple[int, int], channels: int) -> str:
-    """The last level of the feature pyramid, of the size of the first map."""
+    """Returns the last level of the feature pyramid, which has the size of the first map."""
     sizes = [size]
     for _ in maps[1:]:
         sizes.append(tuple((n + 1) // 2 for n in sizes[-1]))
@@ -118,7 +118,7 @@ def pyramid(graph: Graph, maps: list[str], size: tuple[int, int], channels: int)
 
 
 def encode(height: int, width: int, octaves: int) -> np.ndarray:
-    """The positional encoding `[1, 4 octaves, height, width]`."""
+    """Returns the positional encoding `[1, 4 octaves, height, width]`."""
 
     def axis(length: int) -> np.ndarray:
         c = (2 * np.arange(length) + 1) / length - 1
@@ -131,7 +131,7 @@ def encode(height: int, width: int, octaves: int) -> np.ndarray:
 
 
 def build(weights: str, height: int, width: int) -> onnx.ModelProto:
-    """Image `[1, 3, height, width]` to basis functions `[1, N, height, width]`, after the mean, if there is one."""
+    """Builds the graph: image `[1, 3, height, width]` to basis functions `[1, N, height, width]`, after the mean, if any."""
     with safe_open(weights, "np") as file:
         config = json.loads(file.metadata()["network"])
     graph = Graph(load_file(weights))
@@ -186,7 +186,7 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
         x = graph.add("Add", x, graph.resize(seen, h, w, extractor["features"]))
         if config.get("mean"):
             logarithm = graph.plain(decoded, graph.tensors["extractor.decoder.map.weight"], None)
-    # Absent in files written before there was any.
+    # Absent from old files.
     sharpening = extractor.get("sharpening", 0)
     if sharpening > 0:
         x = graph.resize(x, half(height), half(width), extractor["features"])

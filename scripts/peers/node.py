@@ -1,16 +1,15 @@
-"""Plays a recording to `lsdc node` by Eclipse Cyclone DDS, and measures what comes back.
+"""Plays a recording to `lsdc node` with Eclipse Cyclone DDS, and measures the results.
 
     pip install cyclonedds mcap
     python scripts/recordings.py drive 60 /tmp/drive     # makes a recording; needs more packages, which it names
     python scripts/peers/node.py target/release/lsdc /tmp/drive/drive.mcap --image /camera/image_raw --points /lidar/points \\
         --rate 10 --seconds 600
 
-Images are sent at a rate by a process of its own, other messages of the recording at their times beside them; the recording is
-repeated with later stamps. Prints how many images were sent, how many depths were received, the latency from sending an image
-to receiving its depth, and processor time and memory of the node. Diagnostics and, in the end, the node say what became of
-every image. With --kill N, node and player are each killed (SIGKILL) and started again N times. --within starts the node by
-another command, such as `ip netns exec NAME`. --loss says that images may be lost on their way. Options that are not listed
-are those of the node.
+A separate process sends images at a fixed rate, with the other messages of the recording at their relative times; the
+recording is repeated with later stamps. Prints the numbers of images sent and depths received, the latency from sending an
+image to receiving its depth, and processor time and memory of the node. Diagnostics and, in the end, the node report on every
+image. With --kill N, node and player are each killed (SIGKILL) and restarted N times. --within starts the node with another
+command, such as `ip netns exec NAME`. --loss permits images to be lost in transit. Other options are passed to the node.
 """
 
 import argparse
@@ -63,26 +62,26 @@ class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::Diagnosti
 
 
 def as_bytes(kind, data):
-    """A message of a type that is encoded already: encoding lists in Python would take longer than the node."""
+    """A message that is already encoded: encoding lists in Python would take longer than the node."""
     message = object.__new__(kind)
     message.serialize = lambda **_: data
     return message
 
 
 class Received:
-    """A message as bytes, for the same reason."""
+    """A received message as bytes, for the same reason."""
 
     def __init__(self, data):
         self.data = bytes(data)
 
 
 def aligned(offset, size):
-    """The next offset of a value of this size in CDR, which begins after four bytes."""
+    """Returns the next offset of a value of this size in CDR, which begins after four bytes."""
     return 4 + (offset - 4 + size - 1) // size * size
 
 
 def stamps(data, kind):
-    """The offsets of the stamps of a message."""
+    """Returns the offsets of the stamps of a message."""
     if kind != "tf2_msgs/msg/TFMessage":
         return [4]
     (count,) = struct.unpack_from("<I", data, 4)
@@ -112,7 +111,7 @@ def stamp(data):
 
 
 def usage(process):
-    """Processor time in seconds, and memory in MB."""
+    """Returns the processor time in seconds, and the memory in MB."""
     with open(f"/proc/{process.pid}/stat") as file:
         user, system = file.read().rsplit(")", 1)[1].split()[11:13]
     with open(f"/proc/{process.pid}/status") as file:
@@ -121,7 +120,7 @@ def usage(process):
 
 
 def play(args):
-    """Sends the messages, until it is killed; prints stamps and times of images, and the lap that the next player begins with."""
+    """Sends messages until it is killed; prints stamps and times of images, and the lap at which the next player begins."""
     messages = []
     with open(args.recording, "rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
@@ -154,7 +153,7 @@ def play(args):
 
 
 class Side:
-    """A process that is killed and started again."""
+    """A process that is killed and restarted."""
 
     def __init__(self, command, **pipes):
         self.command, self.pipes, self.spent, self.memory = command, pipes, 0.0, []
@@ -165,7 +164,7 @@ class Side:
 
     def measure(self):
         self.now, memory = usage(self.process)
-        # Reading weights, before the first image, is no work for an image.
+        # Reading weights, before the first image, does not count as work on images.
         self.first = self.now if self.first is None else self.first
         self.memory.append(memory)
 
@@ -177,7 +176,7 @@ class Side:
 
 
 def kinds_left_out(values):
-    """What a node said of images that it left out, by its diagnostics: after the first two values, before the latency."""
+    """Returns the reasons for skipped images in the node's diagnostics: after the first two values, before the latency."""
     kinds = {}
     for key, value in values[2:]:
         if key == "latency":
@@ -275,7 +274,7 @@ def main():
     seen, completed, waiting = map(int, counts.groups())
     left_out = {kind: int(count) for count, kind in re.findall(r"^left out  (\d+) (.*)$", text, re.M)}
     assert seen == completed + waiting + sum(left_out.values()), "an image is not accounted for"
-    # Of nodes that were killed: what they said last, up to a second before.
+    # The last diagnostics of killed nodes, up to a second old.
     for run, values in said.items():
         if run < runs and values[0][0] == "images":
             images, done, kinds = int(values[0][1]), int(values[1][1]), kinds_left_out(values)

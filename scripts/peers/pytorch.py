@@ -1,5 +1,4 @@
-"""The network of a weights file in PyTorch, channels last: image to basis functions, and a step of
-training."""
+"""The network of a weights file in PyTorch, channels last: image to basis functions, and a training step."""
 
 import json
 
@@ -53,7 +52,7 @@ class Unit(nn.Module):
 
 
 def run(stage: nn.ModuleList, x):
-    """Residual blocks, one after the other."""
+    """Runs residual blocks, one after the other."""
     for block in stage:
         y = block["second"](block["first"](x))
         x = y + (block["shortcut"](x) if "shortcut" in block else x)
@@ -74,7 +73,7 @@ class Inverted(nn.Module):
 
 
 class Network(nn.Module):
-    """Image `[batch, 3, height, width]` to basis functions `[batch, N, height, width]`, after the mean, if there is one."""
+    """Maps an image `[batch, 3, height, width]` to basis functions `[batch, N, height, width]`, after the mean, if any."""
 
     def __init__(self, path: str):
         super().__init__()
@@ -181,7 +180,7 @@ class Network(nn.Module):
         return self
 
     def pyramid(self, image):
-        """The last level of the feature pyramid on the backbone."""
+        """Returns the last level of the feature pyramid on the backbone."""
         maps, y = [], self.backbone_stem(image)
         for block in self.backbone:
             y = block(y)
@@ -241,8 +240,8 @@ class Network(nn.Module):
 
 
 def trainer(path: str, height: int, width: int, batch: int, points: int, device: str = "cpu"):
-    """A function that makes one step as `lsdc bench --training` does: all pixels in the three
-    losses, a fit in f64 with a ridge of 1e-4, Adam."""
+    """Returns a function that makes one step like `lsdc bench --training`: all pixels in the three losses, a fit in f64
+    with a ridge of 1e-4, Adam."""
     net = Network(path).to(device, memory_format=torch.channels_last).train()
     optimiser = torch.optim.Adam(net.parameters(), 1e-4, weight_decay=5e-4)
     generator = torch.Generator().manual_seed(0)

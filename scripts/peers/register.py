@@ -1,13 +1,13 @@
-"""What the node `register` of depth_image_proc gives beside lsdc, on the drive of `scripts/recordings.py`.
+"""Compares the node `register` of depth_image_proc with lsdc on the drive of `scripts/recordings.py`.
 
     pip install rosbags mcap mcap-ros2-support numpy opencv-python-headless pyrvl
     python scripts/recordings.py drive 60 /tmp/drive
     lsdc complete /tmp/drive/drive.mcap -o /tmp/drive/dense.mcap       # the depths of `lsdc node`, bit for bit
     python scripts/peers/register.py /tmp/drive/drive.mcap /tmp/drive/dense.mcap
 
-The node itself could not be run without ROS. Its arithmetic is repeated here: every point is moved by the transform at the time
-of the image, projected, rounded to the nearest pixel, and the nearest depth of a pixel is kept; nothing is filled. It is
-given the points of a cloud, which it would read from an image of depths, and does not compensate motion within a turn.
+The node itself cannot be run without ROS, so its arithmetic is repeated here: every point is transformed at the time of the
+image, projected, rounded to the nearest pixel, and the nearest depth of a pixel is kept; nothing is filled. It gets the points
+of a cloud instead of a depth image, and does not compensate motion within a turn.
 """
 
 import sys
@@ -26,14 +26,14 @@ def nanoseconds(message):
 
 
 def true_depth(pose):
-    """The depth of every pixel, at depth 1 along the ray."""
+    """Returns the true depth of every pixel."""
     u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     rays = np.stack([(u - MIDDLE[0]) / FOCAL, (v - MIDDLE[1]) / FOCAL, np.ones(u.shape)], -1).reshape(-1, 3)
     return cast(pose[:3, 3], rays @ pose[:3, :3].T)[0].reshape(SIZE[1], SIZE[0])
 
 
 def registered(points, motion):
-    """The depths of `register`: 0 where there is no point."""
+    """Returns the depths of `register`; 0 at pixels without a point."""
     places = points @ motion[:3, :3].T + motion[:3, 3]
     places = places[places[:, 2] > 0]
     pixels = (FOCAL * places[:, :2] / places[:, 2:] + MIDDLE + 0.5).astype(int)
@@ -45,7 +45,7 @@ def registered(points, motion):
 
 
 def is_flat(truth):
-    """Pixels whose 24 neighbours are no more than 10 cm away: of others, the depth of a point beside the centre may be another."""
+    """Selects pixels whose 24 neighbours are within 10 cm: at others, a point beside the centre may have another depth."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(truth, 2, mode="edge"), (5, 5))
     return windows.max((2, 3)) - windows.min((2, 3)) < 0.1
 

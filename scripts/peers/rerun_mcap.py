@@ -1,11 +1,11 @@
-"""Opens a recording that lsdc wrote in Rerun's SDK, and compares what it decodes with the messages.
+"""Opens a recording of lsdc in Rerun's SDK, and compares the decoded data with the messages.
 
     pip install rerun-sdk mcap-ros2-support
     lsdc complete drive.mcap --cloud --copy -o dense.mcap
     python scripts/peers/rerun_mcap.py dense.mcap
 
-Depths must be depth images of the same bytes, clouds points at the same places, cameras pinholes, and transforms transforms.
-What Rerun shows of them is not looked at.
+Depths must become depth images with the same bytes, clouds points at the same positions, cameras pinholes, and transforms
+transforms. Rerun's viewer is not checked.
 """
 
 import sys
@@ -15,7 +15,7 @@ import numpy as np
 from mcap_ros2.reader import read_ros2_messages
 from rerun.chunk import McapReader
 
-# What Rerun makes of each type: a column of its archetype.
+# Rerun's archetype column for each type.
 MADE = {
     "Image": "DepthImage:buffer",
     "PointCloud2": "Points3D:positions",

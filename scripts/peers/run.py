@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Times lsdc and other programs at the same work with the same weights, in turns.
+"""Times lsdc and other programs in turns, on the same work with the same weights.
 
     python3 scripts/peers/run.py completion --size 304x228
     python3 scripts/peers/run.py fit --sizes 304x228,640x480 --points 5,500 --before OTHER/lsdc
@@ -7,17 +7,17 @@
     python3 scripts/peers/run.py training --preset paper
     python3 scripts/peers/run.py solve
 
-Needs Python 3.10 and `cargo build --release`. Packages come from PyPI into a scratch environment
-(`target/peers` or `--environment`; PyTorch, which `fit` does without, is a large download). Prints medians, their range, and ratios to the first
+Needs Python 3.10 and `cargo build --release`. Installs packages from PyPI into a separate environment (`target/peers` or
+`--environment`; PyTorch, a large download, is not needed for `fit`). Prints medians, their ranges, and ratios to the first
 peer.
 
-completion  image to basis functions for the peers, image to dense depth for lsdc, the fit included;
+completion  image to basis functions for the peers, image to dense depth including the fit for lsdc;
             first checks that all compute the same depth map
-fit         network, fit, further fits to the same image and reading out with the default weights, each as
-            a share of ONNX Runtime's time for the paper's network at 304x228; also of another lsdc
+fit         network, fit, further fits to the same image, and reading out, with the default weights, each
+            relative to ONNX Runtime's time for the paper's network at 304x228; also of another lsdc
 encoder     an image to the features of ViT-S/14 with random weights (sides are multiples of 14); first checks
             that all are the same. Needs `cargo build --release -p lsdc-core --example encoder`
-training    a step of batch 2 with every pixel in the loss: forward, fit, backward, Adam
+training    a step with a batch of 2 and every pixel in the loss: forward, fit, backward, Adam
 solve       500 and 1000 points, 129 basis functions, f64: lsdc (cargo bench --bench solve) against
             MKL's Cholesky on the normal equations and MKL's gelsd, as PyTorch calls them
 """
@@ -61,7 +61,7 @@ def arguments() -> argparse.Namespace:
 
 
 def enter_environment(args: argparse.Namespace) -> None:
-    """Runs this script again inside the scratch environment."""
+    """Runs this script again inside the separate environment."""
     if args.keep_pages:
         for name in ["MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"]:
             os.environ[name] = str(1 << 30)
@@ -75,7 +75,7 @@ def enter_environment(args: argparse.Namespace) -> None:
     os.execv(python, [str(python), *sys.argv])
 
 
-# The fit that the others have.
+# The fit of the other programs.
 PLAIN = ["--fit", "lse", "--prior", "none"]
 
 
@@ -87,7 +87,7 @@ def lsdc(args: argparse.Namespace, *words) -> str:
 
 
 def random_weights(args: argparse.Namespace) -> str:
-    """A weights file of a preset after one step of training on one room."""
+    """Writes the weights of a preset after one training step on one room."""
     path = SCRATCH / f"{args.preset}.safetensors"
     SCRATCH.mkdir(parents=True, exist_ok=True)
     if not path.exists():
@@ -102,7 +102,7 @@ def random_weights(args: argparse.Namespace) -> str:
 
 
 def ridged(weights: str) -> str:
-    """The weights with a ridge: without one, depths that no program is to blame for differ."""
+    """Adds a ridge to the weights: without one, the ill-conditioned fit makes depths of all programs differ."""
     from safetensors import safe_open
     from safetensors.numpy import load_file, save_file
 
@@ -115,7 +115,7 @@ def ridged(weights: str) -> str:
 
 
 def seconds(run, count: int) -> float:
-    """Mean over a few runs after one."""
+    """Returns the mean of a few runs after a warm-up."""
     run()
     started = time.perf_counter()
     for _ in range(count):
@@ -148,7 +148,7 @@ def onnx_session(model: bytes, threads: int) -> "onnxruntime.InferenceSession":
 
 
 def peers(args: argparse.Namespace, width: int, height: int) -> dict:
-    """Functions from an image to basis functions, by name."""
+    """Returns functions from an image to basis functions, by name."""
     import openvino
     import torch
     from network import build
@@ -179,7 +179,7 @@ def peers(args: argparse.Namespace, width: int, height: int) -> dict:
 
 
 def check(runs: dict, args: argparse.Namespace, width: int, height: int) -> "numpy.ndarray":
-    """Compares the depth maps of all on one room; returns its normalised image."""
+    """Compares the depth maps of all peers on one room; returns its normalised image."""
     import numpy as np
     from PIL import Image
     from safetensors import safe_open

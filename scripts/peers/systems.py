@@ -1,5 +1,5 @@
-"""The systems that the paper compares itself with, plainly restated in PyTorch after the publications and their authors'
-programs; residual networks are torchvision's. Attributes have the names of lsdc's tensors as far as they can."""
+"""The systems of the paper's comparison, reimplemented in PyTorch from the publications and the authors' programs; residual
+networks are torchvision's. Attributes have the names of lsdc's tensors if possible."""
 
 import math
 
@@ -13,7 +13,7 @@ KINDS = {"resnet18": (BasicBlock, [2, 2, 2, 2]), "resnet50": (Bottleneck, [3, 4,
 
 
 class ResNet(nn.Module):
-    """torchvision's, with another first layer, other widths, and no classifier."""
+    """torchvision's ResNet with another first layer, other widths, and no classifier."""
 
     def __init__(self, kind: str, inputs: int, width: int):
         super().__init__()
@@ -50,7 +50,7 @@ class ConvNorm(nn.Module):
 
 
 def unpool(x, size=None):
-    """Zeros between the pixels."""
+    """Inserts zeros between the pixels."""
     channels = x.shape[1]
     weight = torch.zeros(channels, 1, 2, 2, dtype=x.dtype)
     weight[:, :, 0, 0] = 1
@@ -121,14 +121,14 @@ OFFSETS = [(1, 1), (1, 0), (1, -1), (0, 1), (0, -1), (-1, 1), (-1, 0), (-1, -1)]
 
 
 def neighbour(x, offset):
-    """What lies that many rows and columns from each pixel; 0 outside."""
+    """Returns the value at an offset of rows and columns from each pixel; 0 outside."""
     height, width = x.shape[-2:]
     top, left = 1 + offset[0], 1 + offset[1]
     return functional.pad(x, (1, 1, 1, 1))[..., top : top + height, left : left + width]
 
 
 def propagate(guidance, start, sparse, steps):
-    """Affinities normalised by the sum of their absolute values; known depths are put back after every step."""
+    """Propagates with affinities normalised by the sum of their absolute values; restores known depths after every step."""
     gates = [neighbour(guidance[:, k], offset) for k, offset in enumerate(OFFSETS)]
     total = sum(gate.abs() for gate in gates)
     gates = [gate / total for gate in gates]
@@ -165,7 +165,7 @@ class Cspn(nn.Module):
         return [propagate(self.affinity(x), self.depth(x)[:, 0], sparse[:, 0], self.steps)]
 
     def never_run(self):
-        """Parameters of the layers that the authors' program makes as well and never runs."""
+        """Returns the parameters of layers that the authors' program creates but never runs."""
         third, width = self.resnet.channels[2], self.depth.in_channels
         layers = [UpProj(third >> i, third >> (i + 1)) for i in range(4)]
         return sum(count(layer) for layer in layers) + 9 * 2 * width
@@ -292,7 +292,7 @@ def count(module) -> int:
 
 
 def named(net: nn.Module, prefix: str) -> dict[str, torch.Tensor]:
-    """Parameters and running statistics by lsdc's names."""
+    """Returns parameters and running statistics with lsdc's names."""
     found = {}
     state = dict(net.named_parameters()) | dict(net.named_buffers())
     norms = {name for name, m in net.named_modules() if isinstance(m, nn.BatchNorm2d)}

@@ -1,10 +1,10 @@
-// A wire between two network namespaces that delays frames and loses some, where the kernel has no netem.
+// A link between two network namespaces that delays and drops frames, for kernels without netem.
 //
 //     ip netns add a; ip netns add b
 //     wire a 10.77.0.1/24 b 10.77.0.2/24 DELAY_MS LOSS_PERCENT
 //
-// Each namespace gets a TAP interface, `wire0`. Frames of Ethernet, of at most 1500 bytes of IP, pass in their order after the
-// delay; of all frames in either direction, a share is lost at random (seed 1). Ends when standard input ends.
+// Each namespace gets a TAP interface, `wire0`. Ethernet frames with at most 1500 bytes of IP pass in order after the delay; a
+// share of the frames in either direction is lost at random (seed 1). Ends when standard input ends.
 
 #include <fcntl.h>
 #include <linux/if.h>

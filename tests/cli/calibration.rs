@@ -1,4 +1,4 @@
-//! Whether `lsdc complete` notices that points do not lie where the image shows them.
+//! Detection by `lsdc complete` of points that are misaligned with the image.
 
 use super::*;
 use lsdc_eval::data::ColoredPoint;
@@ -6,7 +6,7 @@ use lsdc_recordings::{Header, MessageTimes, MessageType, Writer, write_cloud};
 
 const WARNING: &str = "the points fit the image better moved by";
 
-/// Every fifth depth of the room, other ones in each of five frames, moved to the right.
+/// Writes every fifth depth of the room, a different fifth in each of five frames, shifted to the right.
 fn moved(at: &Path, frame: usize, columns: usize) {
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
     let (width, height) = (truth.width(), truth.height());
@@ -24,7 +24,7 @@ fn warned(folder: &Path, args: &[&str]) -> usize {
     text.matches(WARNING).count()
 }
 
-/// A folder with five images of the room, and depths moved to the right.
+/// A folder with five images of the room, and depths shifted to the right.
 fn sequence(columns: usize) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -54,7 +54,7 @@ fn points_in_their_places_are_not_warned_of() {
     assert_eq!(warned(folder.path(), &args), 0);
 }
 
-/// A message in CDR: numbers are aligned to their size.
+/// A message in CDR, where numbers are aligned to their size.
 struct Cdr(Vec<u8>);
 
 impl Cdr {
@@ -95,8 +95,8 @@ impl Cdr {
     }
 }
 
-/// Three frames of a camera that stands, and six as it moves to the right at 4 m/s, each of which shows the room. The stamps of
-/// the images are so much too late.
+/// Writes three frames of a stationary camera, and six of a camera moving to the right at 4 m/s, all showing the room. The
+/// stamps of images are `late` nanoseconds late.
 fn drive(at: &Path, late: i64) {
     const FOCAL: f64 = 260.0;
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
@@ -146,7 +146,7 @@ fn drive(at: &Path, late: i64) {
             stamp,
             image,
         );
-        // Of another draw for each frame.
+        // Different points for each frame.
         let pixels = (0..width * height).filter(|i| (i + 37 * frame as usize).is_multiple_of(31));
         let points = pixels.map(|i| {
             let depth = f64::from(truth.values()[i]);
@@ -168,7 +168,7 @@ fn drive(at: &Path, late: i64) {
     writer.finish().unwrap();
 }
 
-/// What is said of stamps for a recording whose images are so many milliseconds late.
+/// Output about stamps for a recording whose images are `late` milliseconds late.
 fn said_of_stamps(late: i64) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     drive(&folder.path().join("drive.mcap"), late * 1_000_000);

@@ -1,5 +1,5 @@
-//! Every pair of values of the flags, together: each run either does all that it promises, or says
-//! what it refuses and leaves nothing behind; the same command again changes nothing.
+//! Pairwise combinations of flags: each run either writes everything it promises, or names what it refuses and writes nothing.
+//! Running the same command again changes nothing.
 
 use super::*;
 use lsdc_eval::data::{Camera, Contents, Shard, Unit, read_rgb, stored_unit};
@@ -14,18 +14,18 @@ const WIDTH: usize = 48;
 const HEIGHT: usize = 36;
 const CAMERA: &str = "40,40,23.5,17.5";
 
-/// A flag or another choice, and its values.
+/// A flag, or a property of the inputs, and its values.
 type Factor = (&'static str, &'static [&'static str]);
 
 fn has_ending(name: &str, ending: &str) -> bool {
     Path::new(name).extension().is_some_and(|e| e == ending)
 }
 
-/// A value for each factor.
+/// Index of the value of each factor.
 type Row = Vec<usize>;
 
-/// Rows that hold every pair of values of two factors: each new row takes, value by value, what
-/// covers most pairs that are left.
+/// Returns rows that contain every pair of values of two factors. Each new row takes, greedily, the values that cover most of
+/// the remaining pairs.
 fn pairs(factors: &[Factor]) -> Vec<Row> {
     let mut rng = Rng::stream(0, &["combinations"]);
     let mut left = BTreeSet::new();
@@ -56,7 +56,7 @@ fn pairs(factors: &[Factor]) -> Vec<Row> {
                 })
                 .count()
             };
-            // Of equals any: the offset turns the order.
+            // The random offset breaks ties.
             let values = factors[factor].1.len();
             let offset = rng.below(values as u32) as usize;
             let best = (0..values)
@@ -86,8 +86,8 @@ fn every_pair_is_in_a_row() {
     }
 }
 
-/// A row that is refused hides the pairs in it: the same row with as many of its last values replaced
-/// by the first of their factor as it takes to be accepted.
+/// Replaces values of a refused row by the first of their factor, starting at the last factor, until the row is accepted:
+/// refusal would hide the pairs in the row.
 fn accepted(factors: &[Factor], row: &Row, refused: impl Fn(&Choice) -> bool) -> Row {
     let mut row = row.clone();
     for factor in (0..row.len()).rev() {
@@ -121,8 +121,8 @@ impl Choice<'_> {
     }
 }
 
-/// Calls `check` for every row, and for those that are refused once more as they are accepted, on two
-/// threads; all that fails is told at the end.
+/// Calls `check` for every row, and for the accepted version of each refused row, on two threads; reports all failures at the
+/// end.
 fn each(
     factors: &[Factor],
     refused: impl Fn(&Choice) -> bool,
@@ -163,7 +163,7 @@ fn ensure(fine: bool, what: impl FnOnce() -> String) -> Result<(), String> {
     if fine { Ok(()) } else { Err(what()) }
 }
 
-/// Every file below a folder with its contents, but for the records.
+/// All files below a folder with their contents, except the records.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -184,7 +184,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     found
 }
 
-/// Exit code and messages agree.
+/// Checks that exit code and messages agree.
 fn check_words(run: &Output) -> Result<i32, String> {
     let said = String::from_utf8_lossy(&run.stderr);
     let code = run.status.code().unwrap_or(-1);
@@ -236,7 +236,7 @@ const EVERY: [&str; 9] = [
     "npy", "npz", "png", "tiff", "exr", "pfm", "color", "ply", "json",
 ];
 
-/// The formats that a row asks for.
+/// The formats that a row requests.
 fn formats(row: &Choice) -> Vec<&'static str> {
     match (row.of("formats"), row.of("output")) {
         ("usual", "folder") => USUAL.to_vec(),
@@ -256,7 +256,7 @@ fn end(format: &str) -> String {
     }
 }
 
-/// Why a row is refused as a whole, if it is.
+/// Word in the message that refuses a row; `None` if the row is accepted.
 fn refusal(row: &Choice) -> Option<&'static str> {
     let yes = |name: &str| row.is(name, "yes");
     let several = matches!(row.of("images"), "folder" | "list");
@@ -295,13 +295,13 @@ fn refusal(row: &Choice) -> Option<&'static str> {
     None
 }
 
-/// Points of the image, and two that count for nothing where the form has room for them: one that
-/// is not a number, and one outside. Returns how many there are.
+/// Writes points of the image and, if the form allows, two that are not used: a NaN, and one outside the image. Returns the
+/// number of points.
 fn write_points(form: &str, path: &Path, factor: f32) -> usize {
     let mut rng = Rng::stream(1, &["points"]);
     let mut map = vec![0.0; WIDTH * HEIGHT];
     for place in (7..map.len()).step_by(29) {
-        // Whole millimetres, so that a PNG holds them.
+        // Whole millimetres, which a PNG stores exactly.
         map[place] = factor * (1.0 + rng.below(600) as f32 / 1000.0);
     }
     let depth = DepthMap::new(WIDTH, HEIGHT, map).unwrap();
@@ -444,7 +444,7 @@ fn run(at: &Path, args: &[String], stdin: Option<&Vec<u8>>) -> Output {
     command.output().unwrap()
 }
 
-/// The files that a row promises, below its folder.
+/// Files that a row must write, relative to its folder.
 fn promised(row: &Choice) -> BTreeSet<String> {
     let several = matches!(row.of("images"), "folder" | "list");
     let shard: Shard = row.of("shard").parse().unwrap();
@@ -476,7 +476,7 @@ fn promised(row: &Choice) -> BTreeSet<String> {
     files
 }
 
-/// A depth map that was written, and how far its values may be off.
+/// Reads a written depth map, and its largest rounding error.
 fn read_map(path: &Path) -> Option<(DepthMap, f64)> {
     let ending = path.extension()?.to_str()?;
     let map = ["npy", "npz", "png", "tiff", "exr", "pfm"].contains(&ending);
@@ -516,7 +516,7 @@ fn check_files(row: &Choice, at: &Path, count: usize) -> Result<(), String> {
         }
         if name.ends_with("color.png") {
             let size = read_rgb(&path).map_err(|e| e.to_string())?.dimensions();
-            // A strip with the scale is below the map.
+            // The colour scale is below the map.
             let higher = size.1 > height as u32 && size.1 < height as u32 + 40;
             ensure(size.0 == width as u32 && higher, || {
                 format!("{name}: {size:?}")
@@ -552,7 +552,7 @@ fn check_files(row: &Choice, at: &Path, count: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// Every point that was given is used or left out for a reason.
+/// Checks that the report counts every point as used or left out for a reason.
 fn check_report(report: &Value, count: usize) -> Result<(), String> {
     let points = report["points"].as_object().ok_or("no points")?;
     let sum: u64 = points.values().filter_map(Value::as_u64).sum();
@@ -585,7 +585,7 @@ fn every_pair_of_flags_of_complete() {
             }
             let several = matches!(row.of("images"), "folder" | "list");
             let cloud = row.is("points", "ply") || formats(row).contains(&"ply");
-            // Of many images each fails on its own.
+            // With several images, each frame fails separately.
             if several && cloud && !row.is("camera", "yes") {
                 ensure(code != 0, || "it succeeded".into())?;
                 return ensure(before == after, || "it left files behind".into());
@@ -615,7 +615,7 @@ fn every_pair_of_flags_of_complete() {
                 String::from_utf8_lossy(&again.stderr).into_owned()
             })?;
             let mut now = files(at);
-            // Reports say how long it took.
+            // Reports contain times.
             now.retain(|name, _| !has_ending(name, "json"));
             let changed: Vec<_> = now
                 .iter()

@@ -43,7 +43,7 @@ fn complete_writes_depth_as_npy_and_two_pictures() {
     for (a, b) in png.values().iter().zip(depth.values()) {
         assert!((a - b).abs() <= 0.00051, "{a} {b}");
     }
-    // The same again is no conflict; another result is.
+    // Repeating the command is no conflict; a different result is.
     lsdc(folder.path())
         .args(["complete", "rgb.png", "sparse.npy"])
         .assert()
@@ -169,7 +169,7 @@ fn training_steps_of_a_configuration_are_timed() {
     let outcome: serde_json::Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
     assert_eq!(outcome["batch"], 3);
     assert!(outcome["step_ms"].as_f64().unwrap() > 0.0);
-    // Settings that would have no effect are refused.
+    // Settings without effect are refused.
     for (args, word) in [
         (&joint[1..], "--training"),
         (&[&joint[..], &["--weights", "small"]].concat(), "--weights"),
@@ -341,7 +341,7 @@ fn points_can_be_kept_judged_and_weighted() {
     assert!(weight < 0.1, "{line}");
     assert_eq!(names(&folder.path().join("robust")).len(), 5);
 
-    // What is there is not replaced unasked, and nothing is written beside it.
+    // An existing file is not replaced unasked, and no other file is written.
     let list = folder.path().join("robust/rgb_outliers.csv");
     std::fs::write(&list, "mine").unwrap();
     std::fs::remove_file(folder.path().join("robust/rgb_depth.npy")).unwrap();
@@ -366,7 +366,7 @@ fn points_can_be_kept_judged_and_weighted() {
         }
     }
 
-    // A point with a large deviation counts as if it were not there.
+    // A point with a large standard deviation has no influence.
     let sigma = |far: f32| {
         let values = spoiled.values().iter().enumerate().map(|(i, d)| {
             let own = if i == wrong.y * width + wrong.x {
@@ -435,7 +435,7 @@ fn depth_is_made_of_base_functions_a_field_or_both() {
             "{fit}: a deviation everywhere"
         );
         let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
-        // Pixels with a point are known better than those far from one.
+        // Standard deviations are smaller at pixels with a point.
         let mean = |known: bool| {
             let pairs = sigma.values().iter().zip(sparse.values());
             let some: Vec<f32> = pairs
@@ -446,7 +446,7 @@ fn depth_is_made_of_base_functions_a_field_or_both() {
         };
         assert!(mean(true) < mean(false), "{fit}");
     }
-    // Basis functions miss points, fields meet them.
+    // The residual of basis functions is larger than that of fields.
     assert!(residuals[0] > 10.0 * residuals[1] && residuals[0] > 10.0 * residuals[2]);
 }
 

@@ -52,7 +52,7 @@ fn the_best_quality_is_evaluated_and_named() {
         assert_eq!(text(&run).contains("; quality best\n"), quality == "best");
         report["means"]["lsdc"]["mean"]["rmse"].as_f64().unwrap()
     };
-    // Another error, of the same size.
+    // A different error of the same size.
     let ratio = eval("best") / eval("standard");
     assert!(ratio != 1.0 && (0.8..1.25).contains(&ratio), "{ratio}");
 }
@@ -114,8 +114,7 @@ fn an_evaluation_goes_on_where_it_stopped() {
     let report = std::fs::read(folder.path().join("run/report.json")).unwrap();
     let journal = folder.path().join("run/journal.jsonl");
     let lines = std::fs::read_to_string(&journal).unwrap();
-    // Killed in the middle of the third frame. What is kept is not measured again: a false number
-    // of points in it shows.
+    // Killed while writing the third frame. A false number of points shows that kept frames are not measured again.
     let kept = lines.replacen("\"points\":500", "\"points\":499", 1);
     let cut = kept.match_indices('\n').nth(2).unwrap().0 + 20;
     std::fs::write(&journal, &kept[..cut]).unwrap();
@@ -166,7 +165,7 @@ fn predictions_of_others_are_scored_on_the_same_frames_and_points() {
     let (ours, theirs) = (json(&at("ours.json")), json(&at("theirs.json")));
     assert_eq!(ours["means"]["linear"], theirs["means"]["theirs"]);
 
-    // Exported frames and points measure the same.
+    // Exported frames and points give the same measures.
     let export = ["export", "--points", "500", "-o", "frames"];
     run(&[&export[..], &ROOMS[1..]].concat());
     eval(&["--method", "linear", "--json", "one.json"]);
@@ -182,7 +181,7 @@ fn predictions_of_others_are_scored_on_the_same_frames_and_points() {
         "f.json",
     ]);
     assert_eq!(means("f.json"), means("one.json"));
-    // One prediction is no answer to two draws.
+    // A single prediction does not suffice for two draws.
     let once = ["--predictions", "theirs=saved/linear/seed0"];
     eval(&once);
     refused(
@@ -216,7 +215,7 @@ fn guides_are_given_to_the_frames_of_their_names() {
     };
     let method = ["--method", "lsdc"];
     let plain = measured(&method);
-    // The truth, of which no scale is known.
+    // The ground truth as a guide of unknown scale.
     let guided = measured(&[&method[..], &["--guide", "frames/gt"]].concat());
     assert!(guided < 0.5 * plain, "{guided} {plain}");
     let refuses = |args: &[&str], words: &[&str]| {
@@ -263,7 +262,7 @@ fn broken_frames_are_reported_and_the_rest_measured() {
     );
 }
 
-/// A road seen from 1.6 m above it, at rings 0 to 11 from above, and a wall of 12 m that ends it.
+/// Writes a scan of a road from 1.6 m above it, with rings 0 to 11 from top to bottom, up to a wall at 12 m.
 fn write_road(folder: &Path, name: &str) {
     let image = image::RgbImage::from_fn(320, 240, |x, y| image::Rgb([(x / 2) as u8, y as u8, 90]));
     let mut returns = Vec::new();
@@ -272,7 +271,7 @@ fn write_road(folder: &Path, name: &str) {
         let road = 1.6 * 400.0 / (v - 50.0);
         returns.extend((0..32).map(|i| (10.0 * i as f32, v, road.min(12.0), ring)));
     }
-    // Outside of the image, and without a depth.
+    // Outside the image, and without a depth.
     returns.extend([(-3.0, 20.0, 5.0, 0), (3.0, 20.0, f32::NAN, 0)]);
     scans::write_scan(folder, name, &image, &returns);
 }
@@ -321,7 +320,7 @@ fn rings_of_a_scan_are_held_out() {
     let page = std::fs::read_to_string(folder.path().join("run/report.html")).unwrap();
     assert!(page.contains("Errors by depth") && page.contains("MAE by scene"));
 
-    // What is not given is scored: 384 - 100 returns of each scan.
+    // The returns that are not given are scored: 384 - 100 of each scan.
     let drawn = ["--points", "100", "--json", "drawn.json"];
     lsdc(folder.path())
         .args(eval)
@@ -336,7 +335,6 @@ fn rings_of_a_scan_are_held_out() {
     refused(folder.path(), &all_given, &["not given", "--hold-out"]);
     let unknown = [&all_given[..], &["--hold-out", "rings"]].concat();
     refused(folder.path(), &unknown, &["ring:K", "clusters:N"]);
-    // Rooms have no rings.
     let rooms = [&ROOMS[..], &["--hold-out", "ring:2"]].concat();
     refused(folder.path(), &rooms, &["no rings", "clusters:N"]);
 }

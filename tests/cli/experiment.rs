@@ -50,7 +50,7 @@ fn experiments_write_tables_pictures_and_a_page() {
     let page = std::fs::read_to_string(out.join("kernels-cost.html")).unwrap();
     assert!(page.contains("id='kernels'") && page.contains("id='cost'"));
 
-    // What was measured is kept.
+    // Earlier measurements are kept.
     let first = std::fs::read(out.join("cost.json")).unwrap();
     lsdc(folder.path()).args(ARGS).assert().success();
     assert!(first == std::fs::read(out.join("cost.json")).unwrap());

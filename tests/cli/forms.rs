@@ -1,13 +1,13 @@
-//! What `lsdc complete` reads and writes.
+//! File formats that `lsdc complete` reads and writes.
 
 use super::*;
 use lsdc_eval::data::{Camera, Sparse, read_rgb, write_rgb};
 
-/// At (1, 2, 3), looking along the world's x, whose z is up.
+/// A camera at (1, 2, 3) looking along the world's x axis; z is up.
 const CAMERA: &str = "fx = 200\nfy = 200\ncx = 99.5\ncy = 79.5\n\
     camera_to_world = [[0, 0, 1, 1], [-1, 0, 0, 2], [0, -1, 0, 3]]\n";
 
-/// The room, its points as a cloud in the world of [`CAMERA`], which is there too.
+/// A folder with the room, [`CAMERA`], and the points as a cloud in world coordinates.
 fn scanned(cloud: &str) -> tempfile::TempDir {
     let folder = room();
     let at = |name: &str| folder.path().join(name);
@@ -60,7 +60,7 @@ fn clouds_are_seen_by_the_camera() {
         let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
         let size = (sparse.width(), sparse.height());
         let found = Sparse::read(&at(&scan), None, Some(&camera), size).unwrap();
-        // Few points are taken for hidden: this room is seen from where it was measured.
+        // Few points are taken for hidden: the cloud was measured from the place of the camera.
         assert!(
             found.hidden * 50 < sparse.count(),
             "{} hidden",
@@ -74,7 +74,7 @@ fn clouds_are_seen_by_the_camera() {
             folder.path(),
             &["rgb.png", &scan, "--camera", "camera.toml"],
         );
-        // Clouds are documented to be in metres.
+        // Clouds are assumed to be in metres, as documented.
         assert!(told.contains("unit      metres\n"), "{told}");
         refused(
             folder.path(),
@@ -107,7 +107,7 @@ fn a_result_is_a_cloud_in_the_world() {
     run(&[&["-o", "whole.ply"], &all[..]].concat());
     run(&["-o", "whole.npy"]);
     run(&["-o", "sure.ply", "--max-sigma", "0.2"]);
-    // Seen again, the cloud is the map it was made of.
+    // Projected into the same camera, the cloud reproduces its map.
     let seen = Camera::read(&at("camera.toml")).unwrap();
     let depth = read_npy(&at("whole.npy"), 1.0).unwrap();
     let size = (depth.width(), depth.height());
@@ -153,7 +153,7 @@ fn a_result_is_a_cloud_in_the_world() {
     refused(folder.path(), &twice, &["twice"]);
 }
 
-/// The share of standard deviations above a tenth of the depth is left out of clouds, and of maps if that is asked for.
+/// Pixels whose standard deviation is above a tenth of the depth are left out of clouds, and on request of maps.
 #[test]
 fn pixels_that_count_as_not_measured_are_in_no_cloud() {
     let folder = scanned("ply");
@@ -163,7 +163,7 @@ fn pixels_that_count_as_not_measured_are_in_no_cloud() {
         let args = [&["rgb.png", points], &camera[..], more].concat();
         serde_json::from_str(&complete(folder.path(), &args)).unwrap()
     };
-    // Ten points: much of the room is seen by none.
+    // Ten points leave much of the room unmeasured.
     let mut few = read_npy(&at("sparse.npy"), 1.0).unwrap().into_values();
     let measured: Vec<usize> = (0..few.len()).filter(|&i| few[i] > 0.0).collect();
     for (number, &pixel) in measured.iter().enumerate() {
@@ -213,7 +213,6 @@ fn pixels_that_count_as_not_measured_are_in_no_cloud() {
         &none,
         &["above 0.000000001 of its depth", "--max-relative-sigma"],
     );
-    // One point measures little of the room.
     std::fs::write(at("one.csv"), "u,v,depth\n150,110,2\n").unwrap();
     let one = run("one.csv", &["-o", "one", "--formats", "ply"]);
     assert!(
@@ -253,7 +252,7 @@ fn what_files_leave_out_is_counted() {
     let seen = Camera::read(&at("camera.toml")).unwrap();
     let cloud = Sparse::read(&at("sure/rgb_cloud.ply"), None, Some(&seen), (304, 228)).unwrap();
     assert!(cloud.points.len() as u64 <= count("points"));
-    // Of many images the sum is said.
+    // For several images, the sum is reported.
     for part in ["images", "points"] {
         std::fs::create_dir(at(part)).unwrap();
     }
@@ -263,7 +262,7 @@ fn what_files_leave_out_is_counted() {
     let told = complete(folder.path(), &[&many[..], &camera].concat());
     assert!(told.contains(&words), "{told}");
 
-    // A lens that folds sees a part of the image only.
+    // With a model that folds, the lens sees only a part of the image.
     let lens = "fx = 100\nfy = 100\ncx = 151.5\ncy = 113.5\nmodel = 'fisheye'\n\
         distortion = [-0.4, 0.0, 0.0, 0.0]\n";
     std::fs::write(at("camera.toml"), lens).unwrap();
@@ -300,7 +299,7 @@ fn what_deviations_are_good_for_is_said_as_it_is() {
     std::fs::write(at("a.csv"), lines).unwrap();
     let told = complete(folder.path(), &["rgb.png", "a.csv", "--method", "nearest"]);
     assert!(told.contains("only weigh points of one pixel"), "{told}");
-    // And so they do: 4 to 1.
+    // They are weighted 4 to 1.
     let depth = read_npy(&at("rgb_depth.npy"), 1.0).unwrap().at(100, 80);
     assert!((depth - 2.01).abs() < 1e-6, "{depth}");
 }
@@ -365,7 +364,7 @@ fn reports_say_in_json_what_is_told_in_words() {
     let depth = &written["depth"];
     assert!(depth["lowest"].as_f64() < depth["highest"].as_f64());
     assert!(written["fit"]["leave_one_out"].as_f64() > written["fit"]["residual"].as_f64());
-    // Only the times differ from run to run, which is no conflict.
+    // Times differ between runs, which is no conflict.
     complete(folder.path(), &args);
     let other = [&["complete"], &args[..], &["--fit", "lse"]].concat();
     refused(folder.path(), &other, &["exists"]);

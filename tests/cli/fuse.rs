@@ -1,10 +1,10 @@
-//! Surfaces of completed frames.
+//! `lsdc fuse`: surfaces from completed frames.
 
 use super::*;
 
 const CAMERA: [&str; 2] = ["--camera", "60,60,39.5,29.5"];
 
-/// Three depth maps of a wall at z = 2, from places along x, and their poses.
+/// A folder with three depth maps of a wall at z = 2 from positions along x, and their poses.
 fn wall() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let results = folder.path().join("results");
@@ -51,7 +51,7 @@ fn a_wall_becomes_a_surface() {
         (&said["frames"], &said["frames_without_pose"]),
         (&3.into(), &0.into())
     );
-    // Twice the width of a pixel, 2 / 60 m, to two digits.
+    // Twice the width of a pixel (2 / 60 m), rounded to two digits.
     assert!(
         (said["voxel"].as_f64().unwrap() - 0.067).abs() < 1e-9,
         "{said}"
@@ -65,7 +65,7 @@ fn a_wall_becomes_a_surface() {
         .position(|w| w == b"end_header\n")
         .unwrap()
         + 11;
-    // Position, normal and colour; a count and three indices.
+    // Vertices: position, normal and colour. Faces: a count and three indices.
     assert_eq!(bytes.len(), end + vertices * 27 + triangles * 13);
     for vertex in bytes[end..end + vertices * 27].chunks_exact(27) {
         let z = f32::from_le_bytes(vertex[8..12].try_into().unwrap());
@@ -87,7 +87,7 @@ fn a_wall_becomes_a_surface() {
     let points = ["-o", "points.ply", "--points", "--every", "2"];
     let run = fuse(folder.path(), &points).args(CAMERA).assert().success();
     assert!(text(&run).contains("frames    2 of 2"));
-    // A cloud that this program reads.
+    // The program reads the cloud.
     let run = lsdc(folder.path())
         .args(["inspect", "points.ply"])
         .assert()
@@ -123,7 +123,7 @@ fn frames_without_a_pose_and_small_memory_are_said() {
         warnings.contains("all frames are fused again in voxels of 0.134 m"),
         "{warnings}"
     );
-    // Voxels of a given size stay.
+    // A given voxel size is kept.
     let small = [
         "-o",
         "small.ply",

@@ -1,10 +1,10 @@
-//! Every command of the user guide, on files of the names that it uses.
+//! Runs every command of the user guide on files with the names used there.
 
 use super::*;
 use lsdc_eval::data::{Camera, read_rgb, write_depth_png, write_npy};
 use std::fmt::Write as _;
 
-/// The pages of the user guide whose commands are run here.
+/// Pages of the user guide whose commands are run.
 const PAGES: [&str; 8] = [
     "guide",
     "phone",
@@ -22,7 +22,7 @@ fn page(name: &str) -> String {
     std::fs::read_to_string(docs.join(name).with_extension("md")).unwrap()
 }
 
-/// Lines of the shell in the pages.
+/// Shell commands of the pages.
 fn commands() -> Vec<String> {
     let pages = PAGES.map(page).join("\n");
     let blocks = pages.split("```sh\n").skip(1);
@@ -30,14 +30,14 @@ fn commands() -> Vec<String> {
     lines.map(str::to_owned).collect()
 }
 
-/// The camera file of the page on formats.
+/// The camera file shown on the page on formats.
 fn camera() -> String {
     let formats = page("formats");
     let block = formats.split("```toml\n").nth(1).unwrap();
     block.split("```").next().unwrap().to_owned()
 }
 
-/// The files that the guide speaks of, all of them the room.
+/// A folder with the files that the guide mentions, all made from the room.
 fn prepared() -> tempfile::TempDir {
     let folder = room();
     let at = |name: &str| folder.path().join(name);
@@ -133,7 +133,7 @@ fn every_command_works() {
     check_depths(folder.path());
     let at = |name: &str| folder.path().join(name);
     let given = read_npy(&at("sparse.npy"), 1.0).unwrap();
-    // What was measured is kept.
+    // Measured depths are kept.
     let filled = read_npy(&at("out/filled/color_depth.npy"), 1.0).unwrap();
     for p in given.points() {
         assert!((filled.at(p.x, p.y) - p.depth).abs() < 0.0006, "{p:?}");
@@ -152,7 +152,7 @@ fn every_command_works() {
         let text = String::from_utf8_lossy(&bytes[..200]).into_owned();
         let count = text.split("element vertex ").nth(1).unwrap();
         let count: usize = count.lines().next().unwrap().parse().unwrap();
-        // Some pixels are less sure than 0.3 m, most are not.
+        // Most pixels have standard deviations below 0.3 m, but not all.
         assert!((30_000..304 * 228).contains(&count), "{cloud}: {count}");
     }
     let bash = std::fs::read_to_string(at("lsdc.bash")).unwrap();
@@ -161,7 +161,7 @@ fn every_command_works() {
     assert!(page.contains("camera"), "{page}");
 }
 
-/// Every depth map that the guide makes is near the truth at every pixel.
+/// Checks that every depth map that the guide computes is near the ground truth at every pixel.
 fn check_depths(folder: &Path) {
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
     let mut found = vec![folder.join("depth.npy")];
@@ -182,7 +182,7 @@ fn check_depths(folder: &Path) {
         let size = (depth.width(), depth.height());
         assert_eq!(size, (truth.width(), truth.height()), "{}", path.display());
         let of = |name: &str| path.starts_with(folder.join("out").join(name));
-        // Pixels that are left empty are few here.
+        // Few pixels are left empty.
         let least = if of("sparing") { 0.9 } else { 1.0 };
         let share = depth.count() as f64 / depth.values().len() as f64;
         assert!(share >= least, "{}: {share}", path.display());

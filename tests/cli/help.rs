@@ -1,15 +1,15 @@
-//! The help of every command, as files in `help/`. `LSDC_UPDATE_HELP=1` writes them anew.
+//! The help of every command, as files in `help/`. `LSDC_UPDATE_HELP=1` rewrites them.
 
 use crate::lsdc;
 use std::path::Path;
 
-/// Every command, with the commands below it.
+/// Every command and its subcommands.
 fn commands(folder: &Path) -> Vec<Vec<String>> {
     let below = |command: &[String]| -> Vec<Vec<String>> {
         let help = help(folder, command, "-h");
         let list = help.lines().skip_while(|line| *line != "Commands:").skip(1);
         list.take_while(|line| !line.is_empty())
-            // Longer descriptions go on in further lines, which are indented more.
+            // Longer descriptions continue in lines with more indentation.
             .filter_map(|line| line.strip_prefix("  ")?.split(' ').next())
             .filter(|name| !name.is_empty() && *name != "help")
             .map(|name| [command, &[name.to_owned()]].concat())

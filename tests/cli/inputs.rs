@@ -1,23 +1,23 @@
-//! How `lsdc complete` finds and understands its inputs.
+//! How `lsdc complete` finds and interprets its inputs.
 
 use super::*;
 use image::codecs::png::PngEncoder;
 use image::{ImageEncoder as _, Rgb, RgbImage};
 use lsdc_eval::data::write_npy;
 
-/// `complete` by the nearest point, which is quick and shows where points lie.
+/// Runs `complete` with the nearest point, which is fast and shows where points lie.
 fn nearest(folder: &Path, args: &[&str]) -> assert_cmd::assert::Assert {
     let way = ["--method", "nearest", "--formats", "npy"];
     let mut command = lsdc(folder);
     command.arg("complete").args(args).args(way).assert()
 }
 
-/// What was said on stderr.
+/// The standard error of a run.
 fn said(run: &assert_cmd::assert::Assert) -> String {
     String::from_utf8(run.get_output().stderr.clone()).unwrap()
 }
 
-/// An image of 32x24 pixels with an EXIF record that says an orientation and nothing else.
+/// Writes an image of 32x24 pixels whose EXIF record contains only an orientation.
 fn write_turned(path: &Path, orientation: u8) {
     let head = [b'I', b'I', 42, 0, 8, 0, 0, 0, 1, 0];
     let tag = [0x12, 0x01, 3, 0, 1, 0, 0, 0, orientation, 0, 0, 0];
@@ -30,7 +30,7 @@ fn write_turned(path: &Path, orientation: u8) {
     std::fs::write(path, file).unwrap();
 }
 
-/// Where EXIF 2.32 puts the stored pixel (x, y) of 32x24.
+/// Position of the stored pixel (x, y) of 32x24 in the upright image (EXIF 2.32).
 fn turned(orientation: u8, x: usize, y: usize) -> (usize, usize) {
     match orientation {
         2 => (31 - x, y),
@@ -44,13 +44,13 @@ fn turned(orientation: u8, x: usize, y: usize) -> (usize, usize) {
     }
 }
 
-/// Keypoints of COLMAP and a camera belong to the stored pixels: error 1.61 instead of 0.195 m.
+/// Keypoints of COLMAP and cameras refer to stored pixels; ignoring this made the error 1.61 m instead of 0.195 m.
 #[test]
 fn points_of_turned_photos_are_where_the_image_shows_them() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::create_dir(at("model")).unwrap();
-    // At stored pixels (4, 3) and (25, 17), by a camera of 40 pixels focal length.
+    // Points at stored pixels (4, 3) and (25, 17) of a camera with a focal length of 40 pixels.
     let pixels = [(4, 3, 2.0), (25, 17, 6.0)];
     let place = |(x, y, z): (usize, usize, f64)| {
         let along = |pixel: usize, centre: f64| (pixel as f64 - centre) * z / 40.0;
@@ -145,7 +145,7 @@ fn one_file_of_points_is_not_given_to_two_images() {
         assert!(told.contains(words), "{told}");
     }
     assert!(!at("out").exists());
-    // In folders of their own they are found, in capitals too.
+    // They are found in folders of the same names, also in capitals.
     for (name, depth) in [("a", 2), ("b", 3)] {
         std::fs::create_dir(at(&format!("points/{name}"))).unwrap();
         let line = format!("u,v,depth\n1,1,{depth}\n");
@@ -173,7 +173,7 @@ fn two_files_of_points_of_one_image_are_ambiguous() {
     assert!(told.contains("failed: b/x.png"), "{told}");
     assert!(told.contains("may both be its points"), "{told}");
     assert!(at("out/a/x_depth.npy").exists() && !at("out/b").exists());
-    // A list says which.
+    // A list names the files.
     std::fs::write(at("list.txt"), "images/b/x.png points/b/x.txt\n").unwrap();
     nearest(folder.path(), &["list.txt", "points", "-o", "told"]).success();
     let one = ["images/b/x.png", "points/b", "-o", "more"];
@@ -184,7 +184,7 @@ fn two_files_of_points_of_one_image_are_ambiguous() {
     );
 }
 
-/// A model of COLMAP with these lines of images, of whose points the first is at 5 and the second at 7.
+/// Writes a COLMAP model with these image lines and two points, the first at 5, the second at 7.
 pub(super) fn write_model(model: &Path, images: &str) {
     std::fs::create_dir_all(model).unwrap();
     let camera = "1 SIMPLE_PINHOLE 32 24 40 16 12\n";
@@ -244,7 +244,7 @@ fn results_among_the_images_are_no_images() {
             .success();
         assert!(text(&run).contains(counts), "{}", text(&run));
     }
-    // a.png, its depth as npy and png, and in colours; the same of b.
+    // a.png, its depth as npy and png and in colours, and the same for b.
     assert_eq!(names(&at("images")).len(), 8);
 }
 
@@ -291,7 +291,7 @@ fn a_table_without_names_that_may_be_a_cloud_is_refused() {
         let args = ["complete", "a.png", "a.txt", "--method", "nearest"];
         refused(folder.path(), &args, &["640x480", "hint:", "--camera"]);
     }
-    // A list of one pixel is still one.
+    // A list may have a single pixel.
     std::fs::write(at("a.txt"), "411 77 2.5\n").unwrap();
     nearest(folder.path(), &["a.png", "a.txt", "-o", "out"]).success();
     assert_eq!(read_npy(&at("out/a_depth.npy"), 1.0).unwrap().at(0, 0), 2.5);
@@ -336,7 +336,7 @@ fn many_points_outside_the_image_are_doubted() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     write_turned(&at("a.png"), 1);
-    // Columns and rows in turn: half of them are below the image.
+    // With columns and rows exchanged, half of the points are below the image.
     let rows = |turned: bool| -> String {
         let place = |i: usize| (1 + 3 * i, 1 + 2 * i);
         let places = (0..9).map(place);
@@ -353,7 +353,7 @@ fn many_points_outside_the_image_are_doubted() {
         let told = said(&run.success());
         assert_eq!(told.contains("are outside the image"), doubted, "{told}");
     }
-    // Among many frames too, and counted for all together.
+    // The warning also appears for several frames, with the total count.
     std::fs::create_dir(at("images")).unwrap();
     std::fs::create_dir(at("points")).unwrap();
     std::fs::copy(at("a.png"), at("images/a.png")).unwrap();
@@ -386,7 +386,7 @@ fn a_guide_is_used_or_said_not_to_be() {
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
     let (width, height) = (truth.width(), truth.height());
     write_npy(&at("good.npy"), &truth).unwrap();
-    // Stripes that have nothing to do with the room, of another shape.
+    // Stripes that are unrelated to the room, with another shape.
     let stripes = (0..200 * 50).map(|i| 2.0 + ((i % 200) as f32 / 3.0).sin());
     write_npy(
         &at("bad.npy"),

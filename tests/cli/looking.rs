@@ -19,7 +19,7 @@ fn files_are_described() {
     ] {
         assert!(told.contains(&words), "{told}");
     }
-    // The bars of the histogram hold every depth.
+    // The histogram counts every depth.
     let found: serde_json::Value =
         serde_json::from_str(&inspect(&["sparse.npy", "--json"])).unwrap();
     let bars = found["histogram"].as_array().unwrap();
@@ -83,7 +83,7 @@ fn base_functions_are_drawn() {
     let folder = room();
     let args = ["inspect", "rgb.png", "--bases", "functions.png"];
     lsdc(folder.path()).args(args).assert().success();
-    // An image and 30 functions in rows of five, at twice the units of the drawing.
+    // The image and 30 functions in rows of five, at twice the size of the drawing.
     let sheet = image::open(folder.path().join("functions.png")).unwrap();
     assert!(sheet.width() > 5 * 2 * 200 && sheet.height() > sheet.width());
     refused(

@@ -39,9 +39,9 @@ fn lsdc(folder: &Path) -> Command {
         .current_dir(folder)
         .env_remove("LSDC_DATA")
         .env_remove("LSDC_DEVICE")
-        // Help texts are as wide as a terminal.
+        // Otherwise, help texts would be wrapped at this width.
         .env_remove("COLUMNS")
-        // Not the user's, and nothing is installed.
+        // No installed weights, and none of the user's.
         .env("LSDC_WEIGHTS", folder.join("nowhere"));
     command
 }
@@ -52,7 +52,7 @@ fn asset(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// A scratch folder with the rendered room.
+/// A temporary folder with the rendered room.
 fn room() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for name in ["rgb.png", "sparse.npy"] {
@@ -61,7 +61,7 @@ fn room() -> tempfile::TempDir {
     folder
 }
 
-/// The files of a folder, but for the records of what they were made from.
+/// Names of the files of a folder, except the records of their inputs.
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<_> = entries
@@ -72,7 +72,7 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Runs a command that must fail with exit code 2, one `error:` line with `words`, and no output.
+/// Runs a command that must fail with exit code 2 and one `error:` line with `words`, and write nothing.
 fn refused(folder: &Path, args: &[&str], words: &[&str]) {
     let before = names(folder);
     failed(lsdc(folder).args(args), 2, words);
@@ -98,7 +98,7 @@ fn text(run: &assert_cmd::assert::Assert) -> String {
     String::from_utf8(run.get_output().stdout.clone()).unwrap()
 }
 
-/// `eval` on four small rooms.
+/// Arguments of `eval` on four small rooms.
 const ROOMS: [&str; 9] = [
     "eval",
     "--dataset",
@@ -128,7 +128,7 @@ const EVAL_EXPORTED: [&str; 7] = [
     "linear",
 ];
 
-/// An npy file whose header declares a terabyte.
+/// Bytes of an npy file whose header declares a terabyte.
 fn huge_header() -> Vec<u8> {
     let mut header =
         b"{'descr': '<f4', 'fortran_order': False, 'shape': (500000, 500000), }".to_vec();

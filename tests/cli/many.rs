@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A folder with images `a.png` and `b/c.png` and their points, one as a list.
+/// A folder with images `a.png` and `b/c.png` and their points, one of them as a list.
 fn folders() -> tempfile::TempDir {
     let folder = room();
     let at = |name: &str| folder.path().join(name);
@@ -41,12 +41,12 @@ fn folders_are_completed_and_gone_on_with() {
         .assert()
         .success();
     let one = read_npy(&at("rgb_depth.npy"), 1.0).unwrap();
-    // A list of the same points is the same map.
+    // A list of the same points gives the same map.
     for name in ["out/a_depth.npy", "out/b/c_depth.npy"] {
         assert_eq!(read_npy(&at(name), 1.0).unwrap(), one);
     }
 
-    // A third without points fails, the others are there; then it is all that is left.
+    // A third image without points fails while the others exist; then only it remains to be done.
     std::fs::copy(at("rgb.png"), at("images/d.png")).unwrap();
     std::fs::copy(at("rgb.png"), at("images/e.png")).unwrap();
     std::fs::write(at("points/e.npy"), b"nothing").unwrap();
@@ -61,7 +61,7 @@ fn folders_are_completed_and_gone_on_with() {
     }
     told(0, &["2 completed, 2 there already, 0 failed"]);
 
-    // What was interrupted between the files of a frame is finished, whichever are missing.
+    // A run interrupted between the files of a frame is finished, whichever files are missing.
     let formats = ["npy", "npz", "png", "tiff", "exr", "pfm", "color"];
     let every = ["complete", "images", "points", "-o", "every", "--formats"];
     let run = || {
@@ -80,7 +80,7 @@ fn folders_are_completed_and_gone_on_with() {
     run();
     assert_eq!(names(&at("every")), whole);
 
-    // Two parts are the whole.
+    // Two shards together are the whole.
     for part in ["0/2", "1/2"] {
         lsdc(folder.path())
             .args(["complete", "images", "points", "-o", "parts"])
@@ -108,7 +108,7 @@ fn every_image_of_a_colmap_model_is_completed() {
     let at = |name: &str| folder.path().join(name);
     std::fs::create_dir(at("model")).unwrap();
     let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
-    // The camera of `a.png` stands at the origin; points lie on its rays, at their depths.
+    // The camera of `a.png` is at the origin; points lie on its rays at their depths.
     let (width, height) = (sparse.width(), sparse.height());
     let camera = format!("1 SIMPLE_PINHOLE {width} {height} 200 100 80\n");
     std::fs::write(at("model/cameras.txt"), camera).unwrap();
@@ -127,7 +127,7 @@ fn every_image_of_a_colmap_model_is_completed() {
         .args(["complete", "images", "model", "-o", "out"])
         .assert()
         .success();
-    // What one did not pass is no failure, and what the model does not know is named.
+    // An image that was not given is no failure; an image that the model does not have is named.
     let output = run.get_output();
     let text = String::from_utf8([&output.stdout[..], &output.stderr].concat()).unwrap();
     assert!(
@@ -150,7 +150,7 @@ fn every_image_of_a_colmap_model_is_completed() {
         ],
     );
     let found = read_npy(&at("out/a_depth.npy"), 1.0).unwrap();
-    // Errors grow with the depth, so that far points count less than in a map without deviations.
+    // Errors grow with the depth, so far points have less weight than in a map without standard deviations.
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
     let pairs = found.values().iter().zip(truth.values());
     let rel: f32 = pairs.map(|(a, b)| (a - b).abs() / b).sum();
@@ -158,7 +158,7 @@ fn every_image_of_a_colmap_model_is_completed() {
     assert_eq!(names(&at("out")).len(), 3);
 }
 
-/// Frames of a video: the same image, other points.
+/// Number of frames of a video: the same image with different points.
 const FRAMES: usize = 24;
 
 #[test]
@@ -201,7 +201,7 @@ fn a_video_goes_on_where_it_stopped() {
     let flicker = |video: &[DepthMap]| video.array_windows().map(apart).sum::<f32>();
     assert!(flicker(&chain) < 0.9 * flicker(&alone));
 
-    // Results and nothing else; what a run resumes from is hidden.
+    // Only results: the files that a run resumes from are hidden.
     let expected: Vec<_> = (0..FRAMES).map(|i| format!("{i:02}_depth.npy")).collect();
     assert_eq!(names(&at("chain")), expected);
     for name in ["01_depth.npy", ".lsdc/01.png.weights.json", "02_depth.npy"] {

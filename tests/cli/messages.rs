@@ -1,4 +1,4 @@
-//! Messages that say what is wanted.
+//! Error messages that name what is expected.
 
 use super::*;
 

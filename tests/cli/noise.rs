@@ -1,11 +1,11 @@
-//! Depth cameras: the noise of their depths, and pixels that are left empty.
+//! Depth cameras: noise models, and pixels left empty.
 
 use super::inputs::write_model;
 use super::*;
 use image::{ImageBuffer, Luma};
 use serde_json::Value;
 
-/// The points of the room in millimetres, as other programs write them: nothing in the file says the unit.
+/// Writes the points of the room in millimetres, without the unit in the file, as other programs do.
 fn write_millimetres(path: &Path) -> DepthMap {
     let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
     let stored = |x: u32, y: u32| (sparse.at(x as usize, y as usize) * 1000.0).round() as u16;
@@ -40,7 +40,7 @@ fn noise_by_name_is_that_of_its_formula() {
     let sigmas = depths.values().iter().map(|d| sigma(*d)).collect();
     let sigmas = DepthMap::new(depths.width(), depths.height(), sigmas).unwrap();
     write_npy(&at("sigma.npy"), &sigmas).unwrap();
-    // In the unit of the depths.
+    // Standard deviations in the unit of the depths.
     let millimetres = sigmas.values().iter().map(|s| s * 1000.0).collect();
     let millimetres = DepthMap::new(depths.width(), depths.height(), millimetres).unwrap();
     write_npy(&at("sigma.npy"), &millimetres).unwrap();
@@ -84,7 +84,7 @@ fn noise_in_metres_needs_a_unit_that_is_known() {
     let guessed = ["complete", "rgb.png", "mm.png", "--noise", "kinect"];
     let words = ["a guess: millimetres", "hint: give --depth-unit"];
     refused(folder.path(), &guessed, &words);
-    // Floats are documented to be in metres, but not if that is implausible.
+    // Floats are assumed to be in metres, as documented, unless that is implausible.
     let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
     let far = sparse.values().iter().map(|d| d * 1000.0).collect();
     let far = DepthMap::new(sparse.width(), sparse.height(), far).unwrap();

@@ -1,9 +1,9 @@
-//! No result is lost, spoilt or put where nobody asked for it.
+//! Results are not lost, damaged or written where they were not requested.
 
 use super::*;
 use lsdc_eval::data::{Unit, read_depth_png, stored_unit};
 
-/// The points of the room, each so many times as far.
+/// Writes the points of the room with depths multiplied by `factor`.
 fn scaled(folder: &Path, factor: f32) -> DepthMap {
     let sparse = read_npy(&folder.join("sparse.npy"), 1.0).unwrap();
     let values = sparse.values().iter().map(|d| d * factor).collect();
@@ -41,7 +41,7 @@ fn depths_beyond_65_metres_are_not_zeros_in_a_png() {
         for (a, b) in png.values().iter().zip(npy.values()) {
             assert!(f64::from((a - b).abs()) <= 0.501 / per_metre, "{a} {b}");
         }
-        // Read again without a unit, it is what it was.
+        // Read again without a given unit, the map is the same.
         let again = path.to_str().unwrap();
         let again = [
             "complete", "rgb.png", again, "--method", "nearest", "--json", "-o", "again",
@@ -90,7 +90,7 @@ fn a_pipe_takes_one_file_of_one_image() {
         let args = [&["complete", "rgb.png", "sparse.npy", "-o", "-"], more].concat();
         refused(folder.path(), &args, &["only one file fits", "hint:"]);
     }
-    // An archive has room for both.
+    // An archive holds both.
     let both = [
         "rgb.png",
         "sparse.npy",
@@ -247,19 +247,19 @@ fn a_full_disk_behind_standard_output_is_an_error() {
             "{said}"
         );
     }
-    // The reader of a pipe may have seen enough.
+    // The reader of a pipe may stop early.
     let command = format!("{{ {complete} --json; echo $? > code; }} | true");
     shell(folder.path(), &command).status().unwrap();
     let code = std::fs::read_to_string(folder.path().join("code")).unwrap();
     assert_eq!(code.trim(), "0");
 }
 
-/// A signal that the program was started to ignore, as by nohup, does not end it.
+/// A signal that was ignored when the program started, as under nohup, does not end it.
 #[cfg(unix)]
 #[test]
 fn a_hangup_does_not_end_what_was_started_with_nohup() {
     let folder = tempfile::tempdir().unwrap();
-    // The tests themselves may have been started with nohup, which no shell can undo.
+    // The tests may run under nohup, which no shell can undo.
     let usual = if cfg!(target_os = "linux") {
         "env --default-signal=HUP"
     } else {
@@ -279,7 +279,7 @@ fn a_hangup_does_not_end_what_was_started_with_nohup() {
             .stderr(std::process::Stdio::null())
             .spawn()
             .unwrap();
-        // Two lines in the journal: it is at work.
+        // Two lines in the journal show that the run has begun.
         let journal = folder.path().join("run/journal.jsonl");
         let lines = || {
             let text = std::fs::read_to_string(&journal).unwrap_or_default();
@@ -294,7 +294,7 @@ fn a_hangup_does_not_end_what_was_started_with_nohup() {
     }
 }
 
-/// Links stay and what they lead to is written; a link that leads nowhere is there too.
+/// Links are kept and their targets written; a dangling link counts as an existing file.
 #[test]
 #[cfg(unix)]
 fn results_go_through_links() {
@@ -352,7 +352,7 @@ fn results_go_through_links() {
     assert!(read_npy(&at("kept/next.npy"), 1.0).is_ok());
 }
 
-/// A pipe gets the result and stays a pipe.
+/// A named pipe receives the result and remains a pipe.
 #[test]
 #[cfg(unix)]
 fn results_go_into_pipes() {

@@ -49,7 +49,7 @@ fn recordings_are_inspected() {
     told(&run, &["the recording is cut off"]);
 }
 
-/// Images in = completed + left out, and each as if it came from files.
+/// Each image is either completed or counted as left out, and results equal those from files.
 #[test]
 fn a_folder_holds_what_files_of_the_same_frames_give() {
     let folder = tempfile::tempdir().unwrap();
@@ -166,7 +166,7 @@ fn a_recording_goes_into_a_recording() {
         if name != "/lsdc/depth" {
             continue;
         }
-        // Behind its image, at its time, with its stamp and frame.
+        // Each depth follows its image, with the same time, stamp and frame.
         assert_eq!(
             (found[place - 1].0.as_str(), found[place - 1].1),
             ("/camera/image_raw/compressed", *time)
@@ -196,7 +196,8 @@ fn a_recording_goes_into_a_recording() {
     assert_eq!(names(folder.path()), ["mm.mcap", "out", "out.mcap"]);
 }
 
-/// Each point at its own time, what has none left out, and both said; the points of a cloud at its stamp if that is asked for.
+/// Points are taken at their own times and left out without one, and both are reported; on request, all are taken at the stamp
+/// of the cloud.
 #[test]
 fn what_becomes_of_turns_is_said() {
     let folder = tempfile::tempdir().unwrap();
@@ -215,7 +216,7 @@ fn what_becomes_of_turns_is_said() {
             "234 without a time, or transforms at it",
         ],
     );
-    // Other results; those that are there are not taken for them.
+    // The results differ: the earlier ones are not reused.
     run(
         "/ouster/points",
         &["--formats", "npy", "--no-deskew", "--force"],

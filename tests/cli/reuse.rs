@@ -1,8 +1,8 @@
-//! Earlier results are used again only if the same command would make them again.
+//! Earlier results are reused only if the same command would reproduce them.
 
 use super::*;
 
-/// Two small rooms, measured by the small network.
+/// Arguments of `eval` with the small network on two small rooms.
 const SMALL: [&str; 11] = [
     "eval",
     "--dataset",
@@ -46,7 +46,7 @@ fn an_evaluation_with_another_fit_does_not_print_the_old_numbers() {
     };
     eval(&["--json", "first.json"]).success();
     assert_ne!(rmse("first.json"), rmse("run/report.json"));
-    // Constants of a robust loss count as well as its name.
+    // The constants of a robust loss are settings as well as its name.
     let robust = |count: &str| {
         let rounds = format!("fit.robust.iterations={count}");
         [
@@ -110,7 +110,7 @@ fn predictions_without_a_depth_are_failures_not_perfect() {
     assert!(said(&all).contains("has no depth"));
 }
 
-/// A folder of images `a.png`, `b.png` and their points, completed into `out`.
+/// A folder of images `a.png`, `b.png` and their points, with results in `out`.
 fn completed() -> tempfile::TempDir {
     let folder = room();
     let at = |name: &str| folder.path().join(name);
@@ -162,7 +162,7 @@ fn results_of_other_settings_are_not_gone_on_with() {
     }
     let forced = [&COMPLETE[..], &["--robust", "cauchy", "--force"]].concat();
     lsdc(at).args(forced).assert().success();
-    // More formats of the same results are no other settings.
+    // Formats do not count as different settings.
     let robust = [&COMPLETE[..], &["--robust", "cauchy"]].concat();
     let more = [&robust[..], &["--formats", "npy,pfm"]].concat();
     lsdc(at).args(more).assert().success();
@@ -197,7 +197,6 @@ fn results_of_the_best_quality_are_not_taken_for_standard_ones() {
     assert_eq!(depth(), standard);
 }
 
-/// Replaces text in a file.
 fn replace(path: &Path, from: &str, to: &str) {
     let text = std::fs::read_to_string(path).unwrap();
     assert!(text.contains(from), "{text}");
@@ -210,7 +209,7 @@ fn results_of_other_numerics_are_not_gone_on_with() {
     let at = folder.path();
     let again = lsdc(at).args(COMPLETE).assert().success();
     assert!(text(&again).contains("2 there already"));
-    // As of a program that computes other depths, which its golden results tell.
+    // The golden results identify a program that computes other depths.
     let golden = lsdc_weights::golden();
     replace(
         &at.join("out/.lsdc/b.png.json"),
@@ -234,7 +233,7 @@ fn results_of_other_numerics_are_not_gone_on_with() {
     replace(&at.join("run/journal.jsonl"), golden, "of another program");
     refused(at, &eval, &["another evaluation", "numerics.golden"]);
 
-    // Nor those of another instruction set, where this machine has one.
+    // Results of another instruction set are refused, too.
     if lsdc_kernels::simd::Level::here().name() == "portable" {
         return;
     }
@@ -262,7 +261,7 @@ fn results_of_other_points_or_images_are_not_gone_on_with() {
     );
     let forced = [&COMPLETE[..], &["--force"]].concat();
     lsdc(folder.path()).args(forced).assert().success();
-    // A copy of the same bytes is the same file.
+    // A copy with the same bytes counts as the same file.
     let image = std::fs::read(at("images/a.png")).unwrap();
     std::fs::write(at("images/a.png"), &image).unwrap();
     lsdc(folder.path()).args(COMPLETE).assert().success();
@@ -272,7 +271,7 @@ fn results_of_other_points_or_images_are_not_gone_on_with() {
     refused(folder.path(), &COMPLETE, &["a.png` has changed"]);
 }
 
-/// Nothing tells of a file that was changed but its contents: neither its size nor its time.
+/// The change shows only in the contents: size and time of the file are the same.
 #[test]
 fn an_input_that_was_changed_and_dated_back_is_noticed() {
     let folder = completed();
@@ -295,7 +294,7 @@ fn an_input_that_was_changed_and_dated_back_is_noticed() {
     refused(folder.path(), &COMPLETE, &["b.npy` has changed"]);
 }
 
-/// The same numbers are pixels in one file and a cloud in the other.
+/// The same numbers are pixels in one format and a cloud in the other.
 #[test]
 fn an_input_of_another_ending_is_another_input() {
     let folder = room();
@@ -315,7 +314,7 @@ fn an_input_of_another_ending_is_another_input() {
     refused(folder.path(), &run, &["a.xyz` has changed"]);
 }
 
-/// A data set whose files are not those that were measured.
+/// A dataset whose files have changed since they were measured.
 #[test]
 fn frames_that_changed_are_not_taken_for_those_that_were_measured() {
     let folder = tempfile::tempdir().unwrap();
@@ -372,14 +371,14 @@ fn json_has_a_line_for_every_frame_whatever_became_of_it() {
 fn a_forced_run_that_broke_off_leaves_no_wrong_record() {
     let folder = completed();
     let at = |name: &str| folder.path().join(name);
-    // In the way of the last file of a frame whose first is already replaced.
+    // A folder prevents the last file of a frame from being written, after the first was replaced.
     std::fs::remove_file(at("out/a_depth_color.png")).unwrap();
     std::fs::create_dir(at("out/a_depth_color.png")).unwrap();
     let forced = [&COMPLETE[..], &["--method", "nearest", "--force"]].concat();
     lsdc(folder.path()).args(forced).assert().code(3);
     std::fs::remove_dir(at("out/a_depth_color.png")).unwrap();
     std::fs::write(at("out/a_depth_color.png"), "").unwrap();
-    // The depths of `a` are those of the other method: they are not taken for these.
+    // The depths of `a` come from the other method and are not reused.
     std::fs::remove_file(at("points/b.npy")).unwrap();
     let run = lsdc(folder.path()).args(COMPLETE).assert().code(3);
     assert!(text(&run).contains("0 there already"), "{}", text(&run));

@@ -4,7 +4,7 @@ use super::*;
 use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Stdio};
 
-/// A process that serves, and what it has printed first.
+/// A server process, and the first line that it printed.
 struct Serving {
     child: Option<Child>,
     line: String,
@@ -30,12 +30,12 @@ impl Serving {
         }
     }
 
-    /// The address that was printed.
+    /// The printed address.
     fn address(&self) -> &str {
         self.line.split_whitespace().last().unwrap()
     }
 
-    /// Ends it as a system does, and returns what it has logged.
+    /// Terminates the process with a signal, and returns its exit code and log.
     #[cfg(unix)]
     fn end(mut self) -> (Option<i32>, String) {
         let child = self.child.take().unwrap();
@@ -57,7 +57,7 @@ impl Drop for Serving {
     }
 }
 
-/// Lines for `curl` in the chapter on the service.
+/// The `curl` commands of the page on the service.
 fn lines() -> Vec<String> {
     let chapter = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/serve.md");
     let chapter = std::fs::read_to_string(chapter).unwrap();
@@ -80,7 +80,7 @@ fn the_lines_for_curl_work() {
     let service = Serving::start(folder.path(), &["serve", "--listen", "127.0.0.1:0"]);
     let lines = lines();
     assert!(lines.len() >= 12, "{}", lines.len());
-    // One after the other in one shell: the name of the scene is kept in a variable.
+    // In one shell, because a variable holds the name of the scene.
     let script = format!("set -ex\n{}", lines.join("\n"));
     let run = Command::new("sh")
         .args(["-c", &script])
@@ -91,7 +91,7 @@ fn the_lines_for_curl_work() {
     let said = String::from_utf8_lossy(&run.stderr).into_owned();
     assert!(run.status.success(), "{said}");
 
-    // The files are those of the program.
+    // The files equal those of `lsdc complete`.
     let args = ["complete", "rgb.png", "sparse.npy", "--uncertainty", "-o"];
     for (got, own) in [("depth.png", "own.png"), ("depth.exr", "own.exr")] {
         lsdc(folder.path()).args(args).arg(own).assert().success();
@@ -107,7 +107,7 @@ fn the_lines_for_curl_work() {
     assert_eq!(entries.count(), lines.len(), "{log}");
 }
 
-/// The report is that of the program, but for times and what belongs to files.
+/// The report equals that of `lsdc complete`, except times and entries on files.
 #[test]
 fn the_report_is_that_of_the_program() {
     let folder = room();

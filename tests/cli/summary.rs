@@ -1,4 +1,4 @@
-//! What a user reads first.
+//! The summary that `lsdc complete` prints.
 
 use super::*;
 use serde_json::Value;
@@ -21,7 +21,7 @@ fn the_error_to_expect_comes_first_in_plain_words() {
     }
     let written = "written   rgb_depth.npy, rgb_depth.png, rgb_depth_color.png in out";
     assert_eq!(said.lines().last(), Some(written));
-    // One point: nothing tells of the error between, and there is one of each.
+    // With one point, the error between points is unknown; counts are 1.
     std::fs::write(folder.path().join("one.csv"), "u,v,depth\n100,80,2\n").unwrap();
     let said = told(folder.path(), &["rgb.png", "one.csv", "-o", "one.npy"]);
     let first = said.lines().next().unwrap();
@@ -30,7 +30,7 @@ fn the_error_to_expect_comes_first_in_plain_words() {
     assert_eq!(said.lines().last(), Some("written   one.npy"));
 }
 
-/// The room with 20 of 300 depths twice as far as they are.
+/// Writes the points of the room with 20 of 300 depths doubled, and returns their pixels.
 fn spoiled(folder: &Path) -> Vec<(usize, usize)> {
     let sparse = read_npy(&folder.join("sparse.npy"), 1.0).unwrap();
     let mut lines = "u,v,depth\n".to_owned();
@@ -74,7 +74,7 @@ fn the_error_of_a_robust_fit_is_that_of_inliers() {
         .iter()
         .filter(|(x, y)| list.contains(&format!("\n{x},{y},")));
     assert!(listed.count() >= wrong.len() - 2, "{list}");
-    // That with outliers tells of these.
+    // The error over all points reflects the outliers.
     assert!(
         number("leave_one_out_inliers") < 0.5 * number("leave_one_out"),
         "{fit}"
@@ -90,7 +90,7 @@ fn the_error_of_a_robust_fit_is_that_of_inliers() {
     let words = format!("outliers  {outliers} points disagree with the others; listed in robust");
     assert!(said.contains(&words), "{said}");
     assert!(!said.contains("--robust auto"), "{said}");
-    // Without a list, how to get one; a plain fit is told of a better one.
+    // Without a list, the summary says how to get one; a plain fit gets a hint at the robust one.
     let said = told(
         folder.path(),
         &["rgb.png", "spoiled.csv", "--robust", "auto", "-o", "b"],
@@ -101,7 +101,7 @@ fn the_error_of_a_robust_fit_is_that_of_inliers() {
         &["rgb.png", "spoiled.csv", "--outliers", "-o", "plain"],
     );
     assert!(said.contains("csv; --robust auto limits"), "{said}");
-    // The list is not taken for points.
+    // The list of outliers is not taken for points.
     let again = [
         "complete",
         "rgb.png",
@@ -120,7 +120,7 @@ fn the_error_of_a_robust_fit_is_that_of_inliers() {
 fn colours_span_the_middle_of_the_depths_and_say_so() {
     let folder = room();
     let at = |name: &str| folder.path().join(name);
-    // One point far off spoils the colours of nothing else.
+    // A single far point does not change the colour scale.
     let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
     let mut points: Vec<_> = sparse.points().collect();
     points[3].depth = 60.0;

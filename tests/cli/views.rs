@@ -1,4 +1,4 @@
-//! `lsdc complete --views`: points of neighbouring images join by their poses.
+//! `lsdc complete --views`: points of neighbouring images are used through their poses.
 
 use super::*;
 use lsdc_eval::data::write_rgb;
@@ -12,16 +12,16 @@ const HEIGHT: usize = 72;
 const FRAMES: usize = 4;
 const CAMERA: &str = "80,80,47.5,35.5";
 
-/// Where the camera of a frame is: it moves to the right in front of a wall at 3 m, and does not turn.
+/// Position of the camera of a frame along x: it moves to the right in front of a wall at 3 m without turning.
 fn place(frame: usize) -> f64 {
     0.15 * frame as f64
 }
 
-/// The depth of a wall with waves, z = 3 + 0.3 sin(2.4 x + 2 y), at a pixel of a frame: 46 points alone miss much of them,
-/// so that those of neighbours help by more than two standard errors.
+/// Depth of a wavy wall, z = 3 + 0.3 sin(2.4 x + 2 y), at a pixel of a frame. The 46 points of a frame miss much of the waves,
+/// so points of neighbours improve the result by more than two standard errors.
 fn wall(frame: usize, [u, v]: [usize; 2]) -> f64 {
     let (right, down) = ((u as f64 - 47.5) / 80.0, (v as f64 - 35.5) / 80.0);
-    // A contraction: waves are less steep than rays.
+    // A contraction, because the waves are less steep than the rays.
     (0..100).fold(3.0, |z, _| relief(place(frame) + right * z, down * z))
 }
 
@@ -29,7 +29,7 @@ fn relief(x: f64, y: f64) -> f64 {
     3.0 + 0.3 * (2.4 * x + 2.0 * y).sin()
 }
 
-/// Images `N.png`, their points, other places of the wall each, and a trajectory `poses.txt`.
+/// A folder with images `N.png`, points at different places of the wall, and a trajectory `poses.txt`.
 fn sequence() -> tempfile::TempDir {
     sequence_of(FRAMES)
 }
@@ -80,7 +80,7 @@ fn args<'a>(views: &'a str, output: &'a str) -> Vec<&'a str> {
     ]
 }
 
-/// The report of each frame, by the name of its image.
+/// Runs a command, and returns the reports of the frames and the standard error.
 fn reports(folder: &Path, args: &[&str]) -> (Vec<Value>, String) {
     let run = lsdc(folder).args(args).assert().success();
     let told = String::from_utf8(run.get_output().stderr.clone()).unwrap();
@@ -110,7 +110,7 @@ fn neighbours_join_and_an_interrupted_run_goes_on_with_the_same_bits() {
             "{frame}"
         );
         assert!(views["carried"].as_u64().unwrap() > 100, "{frame}");
-        // Those of the image itself.
+        // Points of the image itself.
         let own = frame["points"]["used"].as_u64().unwrap();
         assert!((45..=46).contains(&own), "{frame}");
     }
@@ -130,7 +130,7 @@ fn neighbours_join_and_an_interrupted_run_goes_on_with_the_same_bits() {
     assert!(told.contains("2 completed, 2 there already"), "{told}");
     let again: Vec<Vec<u8>> = names.iter().map(|name| bytes(name)).collect();
     assert!(first == again);
-    // Two shards are the whole.
+    // Two shards together are the whole.
     for shard in ["0/2", "1/2"] {
         let all = [args("--views=poses.txt", "parts"), vec!["--shard", shard]].concat();
         reports(folder.path(), &all);
@@ -139,7 +139,7 @@ fn neighbours_join_and_an_interrupted_run_goes_on_with_the_same_bits() {
         .iter()
         .map(|name| bytes(&name.replace("out", "parts")));
     assert!(first == parts.collect::<Vec<_>>());
-    // The points of others change the result.
+    // Points of other images change the result.
     let (_, _) = reports(folder.path(), &args("--no-alignment", "alone"));
     assert!(bytes("alone/1_depth.npy") != first[1]);
 }
@@ -161,7 +161,7 @@ fn kill_after_a_frame(folder: &Path, args: &[&str]) {
     assert!(first.is_some());
 }
 
-/// The depth maps of a folder, by name.
+/// Names and bytes of the depth maps of a folder.
 fn maps(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let names = names(folder).into_iter();
     let names = names.filter(|name| name.ends_with("_depth.npy"));
@@ -206,7 +206,7 @@ fn only_earlier_images_join_if_that_is_asked_for() {
     let one = [args("--views=poses.txt", "one"), vec!["--views-count", "1"]].concat();
     let (frames, _) = reports(folder.path(), &one);
     assert!(frames.iter().all(|frame| frame["views"]["considered"] == 1));
-    // Other neighbours are other results.
+    // Other neighbours give other results.
     let all = args("--views=poses.txt", "out");
     refused(folder.path(), &all, &["4 results of other settings"]);
     let alone = ["complete", "images", "points", "-o", "more", "--views-past"];
@@ -225,7 +225,7 @@ fn results_of_other_poses_or_points_of_neighbours_are_not_used_again() {
     std::fs::write(at("poses.txt"), poses).unwrap();
     let points = std::fs::read_to_string(at("points/3.csv")).unwrap();
     std::fs::write(at("points/3.csv"), points + "50,40,2.5\n").unwrap();
-    // All four see the last image.
+    // The last image is a neighbour of all four.
     refused(
         folder.path(),
         &all,
@@ -238,7 +238,7 @@ fn results_of_other_poses_or_points_of_neighbours_are_not_used_again() {
 fn wrong_poses_are_left_out_and_warned_of() {
     let folder = sequence();
     let at = |name: &str| folder.path().join(name);
-    // The third stands a metre before where it was.
+    // The third camera is 1.2 m ahead of its true position.
     let poses = std::fs::read_to_string(at("poses.txt")).unwrap();
     let wrong = poses.replace("2 0.3 0 0", "2 0.3 0 1.2");
     assert_ne!(wrong, poses);
@@ -314,7 +314,7 @@ fn views_need_poses_and_a_camera_and_several_images() {
     refused(at, &args("--views=nowhere.txt", "out"), &["nowhere.txt"]);
 }
 
-/// Images of a model share points, which are measured once.
+/// Images of a model share points that were measured once.
 #[test]
 fn points_that_images_of_a_model_share_are_counted_once() {
     let folder = sequence();
@@ -322,7 +322,7 @@ fn points_that_images_of_a_model_share_are_counted_once() {
     std::fs::create_dir(at("model")).unwrap();
     let camera = format!("1 PINHOLE {WIDTH} {HEIGHT} 80 80 48 36\n");
     std::fs::write(at("model/cameras.txt"), camera).unwrap();
-    // A grid of points; each image has found every point but another quarter.
+    // A grid of points, of which each image observes all but a different quarter.
     let grid = |i: usize| {
         let (x, y) = (0.06 * (i % 40) as f64 - 1.0, 0.1 * (i / 40) as f64 - 1.0);
         [x, y, relief(x, y)]
@@ -366,7 +366,7 @@ fn points_that_images_of_a_model_share_are_counted_once() {
         let views = &frame["views"];
         let count = |name: &str| views[name].as_u64().unwrap();
         assert_eq!(views["considered"], 1, "{frame}");
-        // Of the points of the other image a third are new.
+        // A third of the points of the other image are new.
         assert!(count("doubled") > 300, "{frame}");
         assert!(
             (50..=200).contains(&views["images"][0]["carried"].as_u64().unwrap()),
@@ -375,13 +375,13 @@ fn points_that_images_of_a_model_share_are_counted_once() {
     }
 }
 
-/// The recording of a car that passes a wall (`scripts/recordings.py`).
+/// Path of the recording of a car passing a wall (`scripts/recordings.py`).
 fn drive() -> String {
     let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/recordings");
     place.join("drive.mcap").display().to_string()
 }
 
-/// Where the camera of the car is in `odom` after so many seconds, camera to world: the car is at (8 t, 2 t², 0) and turned by
+/// Camera-to-world transform of the car's camera in `odom` after `t` seconds. The car is at (8 t, 2 t², 0), turned by
 /// 0.4 t + 0.3 t²; the camera looks ahead from (0.8, 0.1, 1.4).
 fn place_of_car(t: f64) -> [[f64; 4]; 3] {
     let (sin, cos) = (0.4 * t + 0.3 * t * t).sin_cos();
@@ -389,7 +389,7 @@ fn place_of_car(t: f64) -> [[f64; 4]; 3] {
         8.0 * t + cos * 0.8 - sin * 0.1,
         2.0 * t * t + sin * 0.8 + cos * 0.1,
     ];
-    // The columns: right, down, ahead.
+    // Columns: right, down, ahead, position.
     [
         [sin, 0.0, cos, x],
         [-cos, 0.0, sin, y],
@@ -404,7 +404,7 @@ const STAMPS: [i64; 4] = [
     1_700_000_000_500_000_000,
 ];
 
-/// Poses by transforms are those of the closed form, and points and cameras those of files.
+/// Poses from transforms match the closed form; points and cameras match those of files.
 #[test]
 fn a_recording_gives_what_files_with_its_poses_give() {
     let folder = tempfile::tempdir().unwrap();
@@ -468,7 +468,7 @@ fn a_recording_gives_what_files_with_its_poses_give() {
         let off = pairs.map(|(a, b)| (a - b).abs() / a).sum::<f32>() / one.values().len() as f32;
         assert!(off < 1e-3, "{stamp}: {off}");
     }
-    // The same bits in a recording, and if the run was killed.
+    // A recording gets the same bits, also if the run was killed.
     let bag = [
         "complete",
         &drive,
@@ -497,7 +497,7 @@ fn a_recording_gives_what_files_with_its_poses_give() {
     kill_after_a_frame(folder.path(), &again);
     reports(folder.path(), &again);
     assert!(maps(&at("out")) == maps(&at("killed")));
-    // Part by part.
+    // In two shards.
     again[3] = "parts";
     for shard in ["0/2", "1/2"] {
         reports(folder.path(), &[&again[..], &["--shard", shard]].concat());
@@ -505,7 +505,7 @@ fn a_recording_gives_what_files_with_its_poses_give() {
     assert!(maps(&at("out")) == maps(&at("parts")));
 }
 
-/// Two images of one cloud are not neighbours: its points are measured once.
+/// Two images with the same cloud are not neighbours, because its points were measured once.
 #[test]
 fn points_of_a_cloud_are_carried_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -534,7 +534,7 @@ fn points_of_a_cloud_are_carried_once() {
             .iter()
             .map(|view| view["image"].as_str().unwrap())
             .collect();
-        // The later of both is 80 ms from the cloud, the earlier 20 ms.
+        // The later image is 80 ms from the cloud, the earlier one 20 ms.
         assert!(!others.contains(&shared[1]), "{frame}");
         assert_eq!(
             others.contains(&shared[0]),
@@ -549,7 +549,7 @@ fn images_of_a_recording_without_a_pose_are_completed_alone() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let drive = drive();
-    // Turned by nothing: the poses are wrong, but there.
+    // Poses without rotation: wrong, but present.
     let trajectory =
         "1700000000.1 0 0 0 0 0 0 1\n1700000000.2 1 0 0 0 0 0 1\n1700000000.4 3 0 0 0 0 0 1\n";
     std::fs::write(at.join("poses.txt"), trajectory).unwrap();
@@ -569,7 +569,7 @@ fn images_of_a_recording_without_a_pose_are_completed_alone() {
         let is_last = frame["image"] == "1700000000500000000";
         assert_eq!(frame["views"].is_null(), is_last, "{frame}");
     }
-    // The contents of the trajectory count, not its name.
+    // The contents of the trajectory matter, not its name.
     let moved = trajectory.replace("0.4 3", "0.4 4");
     std::fs::write(at.join("poses.txt"), moved).unwrap();
     refused(at, &run, &["poses.txt` has changed"]);

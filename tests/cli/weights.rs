@@ -28,7 +28,7 @@ fn weights_are_listed_described_and_converted() {
     ];
     lsdc(at).args(convert).assert().success();
     refused(at, &convert, &["exists", "--force"]);
-    // The wider numbers are the same numbers.
+    // Wider floats hold the same numbers.
     for (weights, output) in [("default", "a"), ("wide.safetensors", "b")] {
         let complete = [
             "complete",
@@ -143,7 +143,7 @@ fn licences_of_training_data_are_stated() {
     assert_eq!(sets[0]["commercial_use"], "no");
     assert_eq!(sets[6]["licence"], "CC BY-NC-SA 3.0");
     assert_eq!(sets[6]["calibration_only"], true);
-    // Weights that were made from them were trained on the same.
+    // Weights derived from these have the same training data.
     assert_eq!(own["licence"], serde_json::Value::Null);
     assert_eq!(own["trained_on"], default["trained_on"]);
 
@@ -156,7 +156,7 @@ fn licences_of_training_data_are_stated() {
         assert!(info.contains(words), "{info}");
     }
 
-    // A file may say nothing of what it was made from.
+    // A file may have no notes on its origin.
     let mut weights = open_weights(Some(at.join("own.safetensors").as_ref())).unwrap();
     weights.notes.clear();
     let bytes = to_bytes(&weights, Precision::Half).unwrap();
@@ -225,7 +225,7 @@ fn weights_on_an_encoder_that_is_missing_say_what_to_do() {
         "lsdc weights add FILE",
     ];
     refused(at, &complete, &words);
-    // What is in the program is described without it.
+    // The program describes its own part without the file.
     let mut info = lsdc(at);
     let info = info.args(["weights", "info", "anything", "--json"]);
     let info = info.output().unwrap();
@@ -268,13 +268,13 @@ mod download {
         command
     }
 
-    /// A file that breaks off.
+    /// An answer that ends after half of the file.
     fn half() -> Answer {
         let headers = [length(200_000), "ETag: \"a\"".to_owned()];
         answer("200 OK", &headers, &vec![7; 100_000])
     }
 
-    /// The parts of files that are left.
+    /// Lengths of the partial files.
     fn parts(at: &Path) -> Vec<u64> {
         let files = names(&at.join("nowhere")).into_iter();
         let paths = files.map(|name| at.join("nowhere").join(name));
@@ -341,7 +341,7 @@ mod download {
         assert!(request.contains("range: bytes=100000-"), "{request}");
     }
 
-    /// A file that may not grow stands for a disk that is full.
+    /// A limit on file size simulates a full disk.
     #[cfg(unix)]
     #[test]
     fn a_full_disk_is_said() {
@@ -358,7 +358,7 @@ mod download {
         assert_eq!(parts(at), [81_920]);
     }
 
-    /// With `LSDC_ENCODER=FILE`, one of the published files.
+    /// Runs only with `LSDC_ENCODER=FILE`, one of the published files.
     #[allow(clippy::print_stderr)]
     #[test]
     fn the_published_file_is_installed() {
@@ -387,7 +387,7 @@ mod download {
             "{said}"
         );
         let store = Store::at(at.join("nowhere"));
-        // And the depth head, if the file has it.
+        // The depth head as well, if the file has one.
         let names = names(store.folder());
         assert_eq!(names[0], "anything-encoder.safetensors");
         assert_eq!(names.len(), 1 + usize::from(store.has_head(&ANYTHING)));

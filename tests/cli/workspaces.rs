@@ -3,7 +3,7 @@
 use super::*;
 use serde_json::Value;
 
-/// The files of a workspace that two images have.
+/// Files of the workspaces of two images.
 const FILES: [(&str, &[&str]); 3] = [
     (
         "colmap",
@@ -46,7 +46,7 @@ const FILES: [(&str, &[&str]); 3] = [
     ),
 ];
 
-/// The room twice, with a model whose points are its sparse depths.
+/// A folder with the room as two images, and a model whose points are its sparse depths.
 fn scene(camera: &str) -> tempfile::TempDir {
     let folder = room();
     let at = |name: &str| folder.path().join(name);
@@ -90,7 +90,7 @@ fn run(folder: &Path, args: &[&str]) -> String {
     text(&lsdc(folder).args(args).assert().success())
 }
 
-/// All files below a folder but the hidden ones, with what they hold.
+/// All files below a folder with their contents, except hidden ones.
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -110,7 +110,7 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     found
 }
 
-/// The numbers of a map of COLMAP.
+/// Reads the numbers of a COLMAP map.
 fn floats(path: &Path, head: &str) -> Vec<f32> {
     let bytes = std::fs::read(path).unwrap();
     let (numbers, rest) = bytes
@@ -121,7 +121,7 @@ fn floats(path: &Path, head: &str) -> Vec<f32> {
     numbers.iter().copied().map(f32::from_le_bytes).collect()
 }
 
-/// The values of a 16-bit PNG.
+/// Reads the values of a 16-bit PNG.
 fn values(path: &Path) -> Vec<u16> {
     image::open(path).unwrap().into_luma16().into_raw()
 }
@@ -136,7 +136,7 @@ fn every_program_gets_the_same_depths() {
         let found: Vec<String> = files(&at(tool)).into_iter().map(|(name, _)| name).collect();
         assert_eq!(found, expected, "{tool}");
     }
-    // No depth maps that were not asked for.
+    // No depth maps unless requested.
     assert_eq!(names(&at("")), ["colmap", "nerfstudio", "splatting"]);
 
     let mut also = ALL;
@@ -157,7 +157,7 @@ fn every_program_gets_the_same_depths() {
         assert!((x * x + y * y + z * z - 1.0).abs() < 1e-5, "{i}");
     }
 
-    // As the loader of splatting decodes.
+    // Decode like the loader of Gaussian splatting.
     let parameters = json(&at("splatting/sparse/0/depth_params.json"));
     let scale = parameters["b/c"]["scale"].as_f64().unwrap();
     assert_eq!(parameters["a"], parameters["b/c"]);
@@ -184,7 +184,7 @@ fn every_program_gets_the_same_depths() {
 fn workspaces_are_in_the_unit_of_the_model() {
     let folder = scene("PINHOLE");
     run(folder.path(), &ALL);
-    // The model in halves of a metre: results are in metres, the workspace is not.
+    // The unit of the model is half a metre: results are in metres, the workspace is in units of the model.
     let mut args = ALL.to_vec();
     args[4] = "metres";
     args.extend(["--depth-unit", "2"]);
@@ -213,7 +213,7 @@ fn a_run_goes_on_with_what_is_left() {
         assert!(told.contains("1 completed, 1 there already"), "{told}");
         assert!(files(&at("")) == whole, "{name}");
     }
-    // The copies of the images are no images to complete.
+    // Copies of the images in the workspace are not completed.
     let mut within = ALL;
     within[4] = "images";
     run(folder.path(), &within);
@@ -327,7 +327,7 @@ fn what_cannot_be_exported_is_refused() {
         let args = [args, &["--export=nerfstudio"]].concat();
         refused(folder.path(), &args, &[words]);
     }
-    // A folder that is somebody else's.
+    // A folder with files of another program.
     std::fs::create_dir_all(folder.path().join("mine/nerfstudio")).unwrap();
     std::fs::write(folder.path().join("mine/nerfstudio/transforms.json"), "{}").unwrap();
     let args = [&base[..], &["mine"], &nerfstudio].concat();

@@ -1,4 +1,4 @@
-//! A tiny Depth Anything, whose weights are sines, as in `scripts/golden_encoder.py`.
+//! A tiny Depth Anything with sines as weights, as in `scripts/golden_encoder.py`.
 
 use super::{DepthAnything, DepthHead, Encoder, EncoderConfig, Tensor};
 use lsdc_kernels::simd::Level;
@@ -12,7 +12,7 @@ const OWN: [usize; 4] = [4, 6, 8, 10];
 const FUSED: usize = 6;
 const FINE: usize = 7;
 
-/// An encoder of four blocks, all of them taps, and the head.
+/// Returns an encoder of four blocks, all of them taps, and the head.
 pub(crate) fn network() -> DepthAnything {
     let (config, level) = (sizes(4, &[0, 1, 2, 3]), Level::here());
     let encoder = Encoder::new(config, &encoder_weights(4), level).unwrap();
@@ -20,7 +20,7 @@ pub(crate) fn network() -> DepthAnything {
     DepthAnything::with_parts(Arc::new(encoder), head).unwrap()
 }
 
-/// The sizes of an encoder.
+/// Returns the sizes of an encoder.
 pub(crate) fn sizes(blocks: usize, taps: &[usize]) -> EncoderConfig {
     EncoderConfig {
         width: WIDTH,
@@ -38,12 +38,12 @@ pub(crate) fn sines(index: usize, shape: &[usize], scale: f64, offset: f64) -> T
     Tensor::new(shape.to_vec(), (0..count).map(value).collect()).unwrap()
 }
 
-/// The weights of an encoder of these sizes.
+/// Returns the weights of an encoder with a number of blocks.
 pub(crate) fn encoder_weights(blocks: usize) -> BTreeMap<String, Tensor> {
     encoder_weights_of(&sizes(blocks, &[]))
 }
 
-/// The weights of an encoder, by `DINOv2`'s names.
+/// Returns the weights of an encoder, with `DINOv2`'s names.
 pub(crate) fn encoder_weights_of(config: &EncoderConfig) -> BTreeMap<String, Tensor> {
     let EncoderConfig {
         width,
@@ -91,22 +91,22 @@ pub(crate) fn encoder_weights_of(config: &EncoderConfig) -> BTreeMap<String, Ten
     all
 }
 
-/// The weights of the head.
+/// Returns the weights of the head.
 pub(crate) fn head_weights() -> BTreeMap<String, Tensor> {
     head_weights_of(WIDTH)
 }
 
-/// The weights of a head that reads taps of some width, by their published names.
+/// Returns the weights of a head that reads taps of a width, with the published names.
 pub(crate) fn head_weights_of(width: usize) -> BTreeMap<String, Tensor> {
     head_weights_with(width, OWN)
 }
 
-/// The same with the channels of its four maps.
+/// As [`head_weights_of`], with the channels of the four maps.
 pub(crate) fn head_weights_with(width: usize, own: [usize; 4]) -> BTreeMap<String, Tensor> {
     let mut shapes: Vec<(String, Vec<usize>)> = Vec::new();
     let mut add = |name: String, shape: &[usize]| {
         shapes.push((format!("{name}.weight"), shape.to_vec()));
-        // The map of a tap is mixed without a bias.
+        // The maps of taps are mixed without a bias.
         let outputs = (!name.ends_with("_rn")).then(|| vec![shape[0]]);
         shapes.extend(outputs.map(|outputs| (format!("{name}.bias"), outputs)));
     };

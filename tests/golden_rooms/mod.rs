@@ -1,5 +1,6 @@
-//! Completions of rooms by the weights of the program, and by classical methods, which are compared with
-//! `crates/weights/golden/depths.safetensors`: by the test `golden_depths`, and on other platforms by the example `golden` of lsdc-eval.
+//! Completions of rooms with the weights of the program and with classical methods, for comparison with
+//! `crates/weights/golden/depths.safetensors` by the test `golden_depths`, and on other platforms by the example `golden` of
+//! lsdc-eval.
 
 use lsdc_classic::Classic;
 use lsdc_core::fit::{Changes, FitMethod, Loss, PriorKind, Robust};
@@ -13,22 +14,22 @@ use lsdc_rng::Rng;
 use safetensors::{SafeTensors, tensor::TensorView};
 use std::collections::BTreeMap;
 
-/// Results may differ by this share of the range of true depths. On another processor (Sapphire Rapids) than
-/// the file was made on, results differ by up to 1.5e-5 with the same vectors: sums are cut into other blocks.
+/// Tolerance relative to the range of true depths. On another processor (Sapphire Rapids) than that of the file, results differ
+/// by up to 1.5e-5 with the same vector width, because sums are divided into other blocks.
 pub(crate) const TOLERANCE: f32 = 2e-5;
-/// The same without fused multiply-add, where every product is rounded before it is added, in all layers of the network:
-/// all but three of 134 results then differ by less than 1.2e-5 (the fit without a prior, and leave-one-out errors).
+/// Tolerance without fused multiply-add, where all layers of the network round every product before adding it. All but three of
+/// 134 results (the fit without a prior, and leave-one-out errors) then differ by less than 1.2e-5.
 const TOLERANCE_PORTABLE: f32 = 3e-5;
-/// A leave-one-out error is a residual over 1 - leverage, which multiplies what the residual is rounded by: without fused
-/// multiply-add, two of them differ by 3.1e-5 and 4.6e-5. The fit without a prior is ill-conditioned: one differs by 4.6e-5.
-/// No other depth differs by more than above.
+/// Factor of the tolerance of ill-conditioned results. A leave-one-out error is a residual divided by 1 - leverage, which
+/// amplifies rounding errors: without fused multiply-add, two of them differ by 3.1e-5 and 4.6e-5. The fit without a prior
+/// differs by 4.6e-5. All other depths are within the tolerances above.
 const MULTIPLIED: f32 = 2.0;
 /// Columns and rows of the grids.
 const GRID: (usize, usize) = (24, 18);
-/// Leave-one-out errors that are kept of a result.
+/// Number of leave-one-out errors kept per result.
 const POINTS: usize = 16;
 
-/// Values, what differences are relative to, and the largest share of it that is allowed on processors like that of the file.
+/// Values, the scale of their differences, and the tolerance relative to the scale on processors like that of the file.
 pub(crate) struct Result {
     pub(crate) values: Vec<f32>,
     pub(crate) scale: f32,
@@ -36,7 +37,7 @@ pub(crate) struct Result {
 }
 
 impl Result {
-    /// The share that is allowed at this instruction set.
+    /// Returns the tolerance for the current instruction set.
     pub(crate) fn allowed(&self) -> f32 {
         allowance() * self.tolerance
     }
@@ -63,7 +64,7 @@ pub(crate) fn room(index: usize, (width, height): (usize, usize)) -> Frame {
         .unwrap()
 }
 
-/// The depths of a depth camera: holes in blocks, along jumps of depth and beyond a range.
+/// Depths of a depth camera, with holes in blocks, along depth edges and beyond a range.
 fn camera(frame: &Frame) -> DepthMap {
     let (width, height) = (frame.depth.width(), frame.depth.height());
     let far = 0.9 * frame.depth.range().unwrap().1;
@@ -98,7 +99,7 @@ pub(crate) fn inputs() -> Vec<Input> {
     let drawn = |pattern: Pattern| {
         move |frame: &Frame| Observations::from_map(&pattern.draw(frame, 7).unwrap())
     };
-    // Errors of known standard deviations at positions between pixels, and wrong depths.
+    // Points between pixels with errors of known standard deviations, and outliers.
     let changed = |change: &dyn Fn(&mut Rng, &Observation) -> Observation, frame: &Frame| {
         let mut rng = Rng::stream(7, &["golden", &frame.id]);
         let points = drawn(Pattern::Exactly(500))(frame);
@@ -155,7 +156,7 @@ pub(crate) fn grid(map: &DepthMap) -> Vec<f32> {
     (0..columns * rows).map(at).collect()
 }
 
-/// Adds the results of `completer` for an input: the default settings in full, others by their depths.
+/// Adds the results of `completer` for an input: all results of the default settings, and the depths of others.
 fn of_network(results: &mut Results, name: &str, completer: &Completer, input: &Input) {
     let Input { frame, points, .. } = input;
     let (low, high) = frame.depth.range().unwrap();
@@ -244,7 +245,7 @@ fn of_network(results: &mut Results, name: &str, completer: &Completer, input: &
     }
 }
 
-/// The results for all inputs, by the completer of each of the program's weights, and by classical methods.
+/// Returns the results for all inputs with each of the program's weights and with classical methods.
 pub(crate) fn of_rooms(inputs: &[Input], completer: impl Fn(&str) -> Completer) -> Results {
     let mut results = Results::new();
     for name in ["default", "small"] {
@@ -253,7 +254,7 @@ pub(crate) fn of_rooms(inputs: &[Input], completer: impl Fn(&str) -> Completer) 
             of_network(&mut results, name, &completer, input);
         }
     }
-    // What else numbers of evaluations are made of: other methods, resizing, measures.
+    // Other parts of evaluations: classical methods, resizing, measures.
     let frame = room(2, (304, 228));
     let protocol = Protocol {
         resize: Some(Size {
@@ -265,8 +266,8 @@ pub(crate) fn of_rooms(inputs: &[Input], completer: impl Fn(&str) -> Completer) 
     let frame = protocol.apply(&frame).unwrap();
     let sparse = Pattern::Bernoulli(300).draw(&frame, 7).unwrap();
     let (low, high) = frame.depth.range().unwrap();
-    // `linear-inverse` shares the code of `linear` and is compared with SciPy (`golden.rs`): a new entry here would
-    // change the hash of the file, and so make all earlier results obsolete.
+    // `linear-inverse` shares the code of `linear` and is compared with SciPy (`golden.rs`). A new entry here would change the
+    // hash of the file and thereby invalidate all earlier results.
     let methods = Classic::ALL.into_iter();
     for method in methods.filter(|method| *method != Classic::LinearInverse) {
         let depth = complete_classic(method, &frame.rgb, &sparse).unwrap();
@@ -297,7 +298,7 @@ pub(crate) fn of_rooms(inputs: &[Input], completer: impl Fn(&str) -> Completer) 
     results
 }
 
-/// The golden values in the bytes of their file.
+/// Reads golden values from the bytes of their file.
 pub(crate) fn read(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     let tensors = SafeTensors::deserialize(bytes).unwrap().tensors();
     let values = |view: &TensorView<'_>| {
@@ -313,7 +314,7 @@ pub(crate) fn read(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
         .collect()
 }
 
-/// How the tolerance of this level compares with that of the levels that the file is made at.
+/// Factor of the tolerance for the current instruction set, relative to the instruction sets of the file.
 fn allowance() -> f32 {
     match Level::here() {
         Level::Portable => TOLERANCE_PORTABLE / TOLERANCE,
@@ -321,7 +322,7 @@ fn allowance() -> f32 {
     }
 }
 
-/// The largest difference in multiples of the tolerance; infinite for another number of values or one that is none.
+/// Largest difference in multiples of the tolerance; infinite if the number of values differs or only one of two values is NaN.
 pub(crate) fn difference(golden: Option<&Vec<f32>>, found: &Result) -> f32 {
     let Some(golden) = golden.filter(|golden| golden.len() == found.values.len()) else {
         return f32::INFINITY;

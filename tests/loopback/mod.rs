@@ -1,10 +1,10 @@
-//! A server on this machine that answers as a test says.
+//! A local server that sends the answers of a test.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 
-/// What is sent to one connection, and then it is closed.
+/// Answers one connection, which is then closed.
 pub(crate) type Answer = Box<dyn FnOnce(&mut TcpStream) + Send>;
 
 pub(crate) struct Server {
@@ -13,7 +13,7 @@ pub(crate) struct Server {
 }
 
 impl Server {
-    /// Answers so many connections, in this order; further ones are refused.
+    /// Starts a server that answers connections in this order; further ones are refused.
     pub(crate) fn start(answers: Vec<Answer>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap().to_string();
@@ -33,13 +33,13 @@ impl Server {
         format!("http://{}/model.safetensors", self.address)
     }
 
-    /// The heads of the requests so far, in small letters.
+    /// Heads of the requests so far, in lower case.
     pub(crate) fn requests(&self) -> Vec<String> {
         self.requests.lock().unwrap().clone()
     }
 }
 
-/// What a client asks for, up to the empty line.
+/// Reads the head of a request, up to the empty line.
 fn head(stream: &mut TcpStream) -> String {
     let (mut head, mut byte) = (Vec::new(), [0]);
     while !head.ends_with(b"\r\n\r\n") && stream.read(&mut byte).unwrap() == 1 {
@@ -48,7 +48,7 @@ fn head(stream: &mut TcpStream) -> String {
     String::from_utf8_lossy(&head).to_lowercase()
 }
 
-/// A status, headers, and a body, which need not be what the headers promise.
+/// An answer with a status, headers and a body, which need not match the headers.
 pub(crate) fn answer(status: &str, headers: &[String], body: &[u8]) -> Answer {
     let mut bytes = format!("HTTP/1.1 {status}\r\nConnection: close\r\n").into_bytes();
     for header in headers {
@@ -56,7 +56,7 @@ pub(crate) fn answer(status: &str, headers: &[String], body: &[u8]) -> Answer {
     }
     bytes.extend(b"\r\n");
     bytes.extend(body);
-    // A client may have heard enough.
+    // The client may close the connection early.
     Box::new(move |stream| drop(stream.write_all(&bytes)))
 }
 

@@ -1,4 +1,4 @@
-//! Laser scans as files: an image, and the lists of its returns beside it.
+//! Writes laser scans: an image, and a file with its returns.
 
 use image::RgbImage;
 use npyz::{AutoSerialize, WriteOptions, WriterBuilder as _};
@@ -26,7 +26,7 @@ pub(crate) fn write_scan(folder: &Path, name: &str, image: &RgbImage, returns: &
     archive.finish().unwrap();
 }
 
-/// Adds an array of shape `(n,)`.
+/// Adds an array of shape `(n,)` to an archive.
 pub(crate) fn write_list<T: AutoSerialize>(
     archive: &mut ZipWriter<File>,
     name: &str,

@@ -1,4 +1,4 @@
-// An image and sparse depths to dense depth, with what the fit knows of its errors.
+// Completes depth from an image and sparse depths, with error estimates.
 //
 //     complete IMAGE.ppm SPARSE.npy DEPTH.npy [DEVIATION.npy]
 
@@ -35,7 +35,7 @@ int main(int count, char **arguments) {
     };
     lsdc_scene *scene;
     check(lsdc_scene_create(completer, &image, NULL, &scene));
-    // No other image follows, so that the memory of the network can go before the fit needs its own.
+    // No other image follows: free the memory of the network before the fit allocates.
     check(lsdc_completer_release(completer));
 
     lsdc_map map = {

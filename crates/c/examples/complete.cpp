@@ -1,4 +1,4 @@
-// An image and sparse depths to dense depth, in C++ without any other library.
+// Completes depth from an image and sparse depths, in C++ without other libraries.
 //
 //     complete IMAGE.ppm SPARSE.npy DEPTH.npy
 
@@ -18,18 +18,18 @@ int main(int count, char **arguments) try {
     Values<std::uint8_t> pixels(read_ppm(arguments[1], &cols, &rows), &std::free);
     Values<float> sparse(read_npy(arguments[2], cols, rows), &std::free);
 
-    // An image: the first pixel, rows, columns, the order of colours and, with gaps between the rows, bytes from one to
+    // A view of an image: the first pixel, rows, columns, the order of colours and, if rows have gaps, bytes from one row to
     // the next.
     lsdc::Image image(pixels.get(), rows, cols, lsdc::Format::rgb8);
     lsdc::Completer completer;
     lsdc::Scene scene = completer.scene(image);
 
-    // A map of depths: the same as a view of floats, 0 without a measurement. A list of points is a
+    // A map of depths: a view of floats, 0 at pixels without a measurement. For a list of points, use
     // std::vector<lsdc::Point>; 16-bit integers need their unit: lsdc::Depths(View<const std::uint16_t>(...), 0.001).
     lsdc::View<const float> depths(sparse.get(), rows, cols);
     lsdc::Completion completion = scene.complete(depths);
 
-    // Into memory of your own, or into a new lsdc::Map.
+    // Results go into your own memory, or into a new lsdc::Map.
     std::vector<float> depth(rows * cols);
     completion.depth(lsdc::View<float>(depth.data(), rows, cols));
     lsdc::Map deviation = completion.standard_deviation();

@@ -1,4 +1,4 @@
-// The files of the examples: images as PPM (P6), depths as NumPy arrays (.npy) of float32.
+// File formats of the examples: images as PPM (P6), depths as NumPy arrays (.npy) of float32.
 
 #ifndef FILES_H
 #define FILES_H
@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-// Says what is wrong with a file, and ends the program.
+// Prints what is wrong with a file, and exits.
 static inline void file_error(const char *path, const char *what) {
     fprintf(stderr, "%s: %s\n", path, what);
     exit(EXIT_FAILURE);
@@ -24,7 +24,7 @@ static inline void *allocated(const char *path, size_t bytes) {
     return memory;
 }
 
-// Red, green and blue of every pixel, row by row.
+// Reads red, green and blue of every pixel, row by row.
 static inline uint8_t *read_ppm(const char *path, size_t *width, size_t *height) {
     FILE *file = fopen(path, "rb");
     if (file == NULL) file_error(path, "cannot be opened");
@@ -41,7 +41,7 @@ static inline uint8_t *read_ppm(const char *path, size_t *width, size_t *height)
     return rgb;
 }
 
-// A map of `width * height` floats, row by row.
+// Reads a map of `width * height` floats, row by row.
 static inline float *read_npy(const char *path, size_t width, size_t height) {
     FILE *file = fopen(path, "rb");
     if (file == NULL) file_error(path, "cannot be opened");

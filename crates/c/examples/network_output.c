@@ -1,5 +1,5 @@
-// A network that another program runs, such as ONNX Runtime with the graph of `lsdc weights export NAME --onnx FILE`, and
-// the fit by lsdc. Here, the other program writes and reads files of floats:
+// Fits the output of a network that another program runs, such as ONNX Runtime with the graph of `lsdc weights export NAME
+// --onnx FILE`. Here, the other program reads and writes files of floats:
 //
 //     network_output input IMAGE.ppm INPUT.f32                             for the input `image` of the graph
 //     network_output complete IMAGE.ppm SPARSE.npy BASIS.f32 AFFINITIES.f32 DEPTH.npy
@@ -16,7 +16,7 @@ static void check(lsdc_status status) {
     exit(EXIT_FAILURE);
 }
 
-// All floats of a file; `*count` is their number.
+// Reads all floats of a file; `*count` is their number.
 static float *read_floats(const char *path, size_t *count) {
     FILE *file = fopen(path, "rb");
     if (file == NULL || fseek(file, 0, SEEK_END) != 0) file_error(path, "cannot be opened");
@@ -56,7 +56,7 @@ int main(int count, char **arguments) {
         .height = height,
         .format = LSDC_RGB8,
     };
-    // Its prior and the settings of its fit are those of the exported network.
+    // Use the prior and the fit settings of the exported network.
     lsdc_completer *completer;
     check(lsdc_completer_create("small", NULL, &completer));
     check(lsdc_completer_network_size(completer, width, height, &columns, &rows));

@@ -1,4 +1,4 @@
-// An image of OpenCV and sparse depths to a cv::Mat of depth.
+// Completes depth from an OpenCV image and sparse depths into a cv::Mat.
 //
 //     opencv IMAGE SPARSE.npy DEPTH.npy
 
@@ -26,7 +26,7 @@ int main(int count, char **arguments) try {
     completion.depth(depth);
     write_npy(arguments[3], depth.ptr<float>(), cols, rows);
 
-    // Only a part of a larger matrix: rows that are not next to each other.
+    // Write into a part of a larger matrix, whose rows are not contiguous.
     cv::Mat twice = cv::Mat::zeros(2 * image.rows, 2 * image.cols, CV_32F);
     completion.depth(twice(cv::Rect({7, 5}, image.size())));
     if (cv::norm(twice(cv::Rect({7, 5}, image.size())), depth, cv::NORM_INF) != 0.0 || twice.at<float>(4, 7) != 0.0F) {

@@ -1,9 +1,9 @@
-//! What the examples in C and C++ must give, bit for bit: the room of the repository by `lsdc-core`.
+//! Writes the results that the examples in C and C++ must reproduce bit for bit: the room of the repository with `lsdc-core`.
 //!
 //!     cargo run --release -p lsdc-c --example reference -- FOLDER
 //!
 //! Writes `rgb.ppm`, and `depth.npy`, `deviation.npy` and `half.npy` (at half size) as the examples write them. For the example
-//! `network_output`: `input.f32`, `basis.f32` and `affinities.f32`, and `output.npy`, the depth that is fitted to these.
+//! `network_output`: `input.f32`, `basis.f32`, `affinities.f32`, and `output.npy`, the depth fitted with these.
 
 use lsdc_core::{Channels, Completer, DepthMap, Image, NetworkOutput, Observations, Weights};
 use std::error::Error;
@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     other_network(&folder, &image, &points)
 }
 
-/// In place of another program's output: a constant and waves, and affinities of stripes.
+/// Writes the files of `network_output`, with a constant, waves and striped affinities instead of another program's output.
 fn other_network(
     folder: &Path,
     image: &Image<'_>,

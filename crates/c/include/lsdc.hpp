@@ -1,12 +1,12 @@
-// lsdc for C++17: handles that free themselves, exceptions, and views of any matrix. Everything is in this
-// header, on top of lsdc.h, which tells units and threads.
+// lsdc for C++17: handles that free themselves, exceptions, and views of any matrix. A header-only wrapper of
+// lsdc.h, which documents units and threads.
 //
 //     lsdc::Completer completer;
 //     auto scene = completer.scene(image);       // cv::Mat, or lsdc::Image(pixels, rows, cols, format)
 //     auto completion = scene.complete(points);  // std::vector<lsdc::Point>, or a matrix with depths
 //     completion.depth(depth);                   // into a cv::Mat of CV_32F; without it, a lsdc::Map is returned
 //
-// Handles can be moved, and used from any number of threads at once. Every function but destructors throws
+// Handles can be moved, and used from any number of threads at once. All functions except destructors may throw
 // lsdc::Error.
 
 #ifndef LSDC_HPP
@@ -25,7 +25,7 @@
 
 namespace lsdc {
 
-// A failed call: what() says what is wrong, hint() what to do.
+// A failed call: what() is the message, hint() suggests a remedy.
 class Error : public std::runtime_error {
 public:
     Error(lsdc_status status, const std::string &message, std::string hint = {})
@@ -62,7 +62,7 @@ enum class Fit : lsdc_fit {
     joint = LSDC_FIT_JOINT,
 };
 
-// How the influence of wrong points is limited.
+// How the influence of outliers is limited.
 enum class Robust : lsdc_robust {
     recommended = LSDC_ROBUST_DEFAULT,
     none = LSDC_ROBUST_NONE,
@@ -74,7 +74,7 @@ enum class Robust : lsdc_robust {
     tukey = LSDC_ROBUST_TUKEY,
 };
 
-// What the values of a guide mean.
+// Quantity of the values of a guide.
 enum class GuideKind : lsdc_guide_kind {
     depth = LSDC_GUIDE_DEPTH,
     disparity = LSDC_GUIDE_DISPARITY,
@@ -87,7 +87,7 @@ inline void check(lsdc_status status) {
     if (status != LSDC_OK) throw Error(status, lsdc_last_error(), lsdc_last_hint());
 }
 
-// cv::Mat, and what looks like it.
+// Whether a type is cv::Mat or has the same members.
 template <class M, class = void>
 struct is_matrix : std::false_type {};
 template <class M>
@@ -98,7 +98,7 @@ struct is_matrix<M, std::void_t<decltype(std::declval<M &>().rows), decltype(std
 template <class M>
 using if_matrix = std::enable_if_t<is_matrix<std::remove_reference_t<M>>::value, int>;
 
-// The codes of OpenCV for types of values.
+// OpenCV's codes of value types.
 constexpr int cv_8u = 0;
 constexpr int cv_16u = 2;
 constexpr int cv_32f = 5;
@@ -116,15 +116,15 @@ inline std::size_t side(long long length) {
     return static_cast<std::size_t>(length);
 }
 
-// Bytes from the first value to the last; what exceeds all memory is left to the library to refuse.
+// Bytes from the first value to the last; the library refuses sizes that exceed the memory.
 inline std::size_t span(std::size_t rows, std::size_t row, std::size_t stride) {
     return rows == 0 ? 0 : (rows - 1) * (stride == 0 ? row : stride) + row;
 }
 
 } // namespace detail
 
-// A matrix in somebody else's memory: the first value, rows, columns, and bytes from one row to the next (0: no
-// gaps).
+// A view of a matrix in the caller's memory: the first value, rows, columns, and bytes from one row to the next
+// (0: no gaps).
 template <class T>
 struct View {
     T *data = nullptr;
@@ -136,7 +136,7 @@ struct View {
     View(T *data, std::size_t rows, std::size_t cols, std::size_t stride = 0)
         : data(data), rows(rows), cols(cols), stride(stride) {}
 
-    // Of a cv::Mat with one channel of this type.
+    // A view of a cv::Mat with one channel of this type.
     template <class M, detail::if_matrix<M> = 0>
     View(M &&matrix)
         : data(reinterpret_cast<T *>(matrix.data)), rows(detail::side(matrix.rows)),
@@ -150,7 +150,7 @@ struct View {
     std::size_t size() const { return detail::span(rows, cols * sizeof(T), stride); }
 };
 
-// An image in somebody else's memory.
+// A view of an image in the caller's memory.
 struct Image {
     const void *data = nullptr;
     std::size_t size = 0;
@@ -163,7 +163,7 @@ struct Image {
         : data(data), size(detail::span(rows, cols * bytes(format), stride)), rows(rows), cols(cols), stride(stride),
           format(format) {}
 
-    // Of a cv::Mat with 1, 3 (blue, green, red) or 4 channels of 8 bits, or of floats from 0 to 1.
+    // A view of a cv::Mat with 1, 3 (blue, green, red) or 4 channels of 8 bits, or of floats from 0 to 1.
     template <class M, detail::if_matrix<M> = 0>
     Image(const M &matrix)
         : Image(matrix.data, detail::side(matrix.rows), detail::side(matrix.cols),
@@ -198,7 +198,7 @@ private:
     }
 };
 
-// Depths in somebody else's memory; `unit` is what a value of 1 stands for in metres, which integers need.
+// A view of depths in the caller's memory; `unit` is the unit of the values in metres, required for integers.
 struct Depths {
     const void *data = nullptr;
     std::size_t size = 0;
@@ -211,7 +211,7 @@ struct Depths {
     Depths(View<const float> view, double unit = 1.0) : Depths(view, unit, LSDC_F32) {}
     Depths(View<const std::uint16_t> view, double unit) : Depths(view, unit, LSDC_U16) {}
 
-    // Of a cv::Mat of CV_32FC1, or, with a unit such as 0.001, of CV_16UC1.
+    // A view of a cv::Mat of CV_32FC1 or, with a unit such as 0.001, CV_16UC1.
     template <class M, detail::if_matrix<M> = 0>
     Depths(const M &matrix, double unit = 0.0)
         : Depths(matrix.depth() == detail::cv_16u ? Depths(View<const std::uint16_t>(matrix), unit)
@@ -237,7 +237,7 @@ private:
           format(format) {}
 };
 
-// A known depth at column x and row y, which may lie between pixels; a sigma that is not positive and finite is unknown.
+// A known depth at column x and row y, which may lie between pixels. A sigma that is not positive and finite means unknown.
 struct Point {
     double x = 0.0;
     double y = 0.0;
@@ -245,7 +245,7 @@ struct Point {
     float sigma = 0.0F;
 };
 
-// A matrix of floats of its own.
+// A matrix of floats that owns its memory.
 struct Map {
     std::size_t rows = 0;
     std::size_t cols = 0;
@@ -267,20 +267,20 @@ struct Options {
     Robust robust = Robust::recommended;
 };
 
-// A dense prediction of depth by other means, up to scale and shift.
+// A dense depth prediction from another source, up to scale and shift.
 struct Guide {
     Depths values;
     GuideKind kind = GuideKind::depth;
 };
 
-// Maps of red, green and blue from 0 to 1, as the graph of `lsdc weights export` reads an image.
+// Maps of red, green and blue from 0 to 1: the input of the graph of `lsdc weights export`.
 struct NetworkInput {
     std::size_t rows = 0;
     std::size_t cols = 0;
     std::vector<float> values;
 };
 
-// What that graph computes, in somebody else's memory: `functions` maps of basis functions and two of affinities.
+// A view of the graph's output in the caller's memory: `functions` maps of basis functions and two of affinities.
 struct NetworkOutput {
     const float *basis = nullptr;
     const float *affinities = nullptr;
@@ -296,13 +296,13 @@ public:
     std::size_t rows() const noexcept { return rows_; }
     std::size_t cols() const noexcept { return cols_; }
 
-    // The dense depth in the unit of the points: at the size of the image, at any other, or into a matrix of
-    // any size.
+    // The dense depth in the unit of the points, at the size of the image, at another size, or written into a
+    // matrix of any size.
     Map depth() const { return depth(rows_, cols_); }
     Map depth(std::size_t rows, std::size_t cols) const { return map(lsdc_completion_depth, rows, cols); }
     void depth(View<float> into) const { write(lsdc_completion_depth, into); }
 
-    // The standard deviation of its errors.
+    // The standard deviation of the depth errors.
     Map standard_deviation() const { return standard_deviation(rows_, cols_); }
     Map standard_deviation(std::size_t rows, std::size_t cols) const {
         return map(lsdc_completion_standard_deviation, rows, cols);
@@ -316,7 +316,7 @@ public:
         return depth;
     }
 
-    // The number of standard deviations that hold a share of errors.
+    // The number of standard deviations that contain a share of the errors.
     double interval(double level) const {
         double deviations = 0.0;
         detail::check(lsdc_completion_interval(handle(), level, &deviations));
@@ -330,19 +330,19 @@ public:
         return report;
     }
 
-    // For every point given, NaN if it was not used.
+    // One value for each point given; NaN if the point was not used.
     std::vector<double> residuals() const { return points(lsdc_completion_residuals); }
     std::vector<double> leave_one_out() const { return points(lsdc_completion_leave_one_out); }
     std::vector<double> point_weights() const { return points(lsdc_completion_point_weights); }
 
-    // Estimates the error of the depth between the points; NaN if nothing is known of it.
+    // An estimate of the depth error between the points; NaN if it is unknown.
     double leave_one_out_error() const {
         double error = 0.0;
         detail::check(lsdc_completion_leave_one_out_error(handle(), &error));
         return error;
     }
 
-    // The points that are more likely wrong than right, worst first.
+    // The points that are more likely outliers than inliers, worst first.
     std::vector<lsdc_outlier> outliers() const {
         std::vector<lsdc_outlier> found(report().used);
         std::size_t count = 0;
@@ -390,10 +390,10 @@ private:
     std::size_t cols_;
 };
 
-// The evidence of frames for a shift between points and images, as wrong extrinsics or time stamps cause.
+// Evidence from frames of a shift between points and images, caused by wrong extrinsics or time stamps.
 class Alignment {
 public:
-    // The best of the shifts, clear or not.
+    // The best shift, whether it is clear or not.
     lsdc_shift shift() const {
         lsdc_shift shift{};
         shift.struct_size = sizeof shift;
@@ -414,13 +414,13 @@ private:
     std::unique_ptr<lsdc_alignment, Free> handle_;
 };
 
-// What the network makes of an image, ready for any points.
+// The output of the network for an image, ready to be fitted to points.
 class Scene {
 public:
     std::size_t rows() const noexcept { return rows_; }
     std::size_t cols() const noexcept { return cols_; }
 
-    // A fit to points. `previous` is the completion of the previous frame of a video.
+    // Fits the scene to points. `previous` is the completion of the previous frame of a video.
     Completion complete(const Point *points, std::size_t count, const Completion *previous = nullptr) const {
         lsdc_points all = columns(points, count);
         lsdc_complete_options options = settings(previous);
@@ -432,11 +432,11 @@ public:
         return complete(points.data(), points.size(), previous);
     }
 
-    // A fit to a map of the size of the image, 0 where there is no measurement.
+    // Fits the scene to a map of the size of the image, with 0 at pixels without a measurement.
     Completion complete(const Depths &depths, const Completion *previous = nullptr) const {
         return complete(depths.map(), nullptr, previous);
     }
-    // A cv::Mat could be taken for a vector of points, too.
+    // Resolves an ambiguity: cv::Mat also converts to a vector of points.
     template <class M, detail::if_matrix<M> = 0>
     Completion complete(const M &depths, const Completion *previous = nullptr) const {
         return complete(Depths(depths), previous);
@@ -446,8 +446,8 @@ public:
         return complete(depths.map(), &sigma, previous);
     }
 
-    // Whether points lie where the image shows them. One image hardly ever tells: `before` is the evidence of the
-    // frames before, which the result contains too.
+    // Tests whether points are aligned with the image. One image is rarely enough: `before` is the evidence of
+    // earlier frames, which the result includes.
     Alignment alignment(const std::vector<Point> &points, const Alignment *before = nullptr) const {
         lsdc_points all = columns(points.data(), points.size());
         lsdc_alignment *alignment = nullptr;
@@ -501,23 +501,23 @@ private:
     std::size_t cols_;
 };
 
-// A trained network with the settings of the fit, and threads.
+// A trained network, the settings of the fit, and threads.
 class Completer {
 public:
-    // With weights of the library: "default", "small" or, for scenes with a guide, "none".
+    // Uses weights of the library: see lsdc_completer_create.
     explicit Completer(const std::string &weights = "default", const Options &options = {})
         : Completer(options, [&](const lsdc_completer_options *settings, lsdc_completer **completer) {
               return lsdc_completer_create(weights.c_str(), settings, completer);
           }) {}
 
-    // With weights from a file, as `lsdc train` writes them.
+    // Uses weights from a file, as `lsdc train` writes them.
     static Completer from_file(const std::string &path, const Options &options = {}) {
         return {options, [&](const lsdc_completer_options *settings, lsdc_completer **completer) {
                     return lsdc_completer_create_from_file(path.c_str(), settings, completer);
                 }};
     }
 
-    // With weights from the bytes of such a file, which are not needed afterwards.
+    // Uses weights from the bytes of such a file, which are not needed afterwards.
     static Completer from_memory(const void *data, std::size_t size, const Options &options = {}) {
         return {options, [&](const lsdc_completer_options *settings, lsdc_completer **completer) {
                     return lsdc_completer_create_from_memory(data, size, settings, completer);
@@ -527,14 +527,14 @@ public:
     // Runs the network on an image, which is not needed afterwards.
     Scene scene(const Image &image) const { return scene(image, lsdc_scene_options{}); }
 
-    // The same without a guide, not even that of the depth head of "anything".
+    // The same without a guide, not even from the depth head of "anything".
     Scene unguided_scene(const Image &image) const {
         lsdc_scene_options options{};
         options.guide_kind = LSDC_GUIDE_NONE;
         return scene(image, options);
     }
 
-    // The same with a dense prediction of depth, which need not be of the size of the image.
+    // The same with a dense depth prediction of any size.
     Scene scene(const Image &image, const Guide &guide) const {
         lsdc_map map = guide.values.map();
         lsdc_scene_options options{};
@@ -543,10 +543,10 @@ public:
         return scene(image, options);
     }
 
-    // Frees the memory that is kept for further images and fits; later calls allocate again.
+    // Frees memory that is kept for further images and fits; later calls allocate again.
     void release() const { detail::check(lsdc_completer_release(handle())); }
 
-    // The input of a network that another program runs.
+    // The input for a network that another program runs.
     NetworkInput network_input(const Image &image) const {
         NetworkInput found;
         detail::check(lsdc_completer_network_size(handle(), image.cols, image.rows, &found.cols, &found.rows));
@@ -557,7 +557,7 @@ public:
         return found;
     }
 
-    // A scene of the output of such a network, which is not needed afterwards.
+    // A scene from the output of such a network, which is not needed afterwards.
     Scene scene(const Image &image, const NetworkOutput &output) const {
         lsdc_network_output computed{};
         computed.struct_size = sizeof computed;

@@ -1,4 +1,4 @@
-//! Whether points lie where the images show them.
+//! Alignment of points with images.
 
 use crate::error::{Result, guard};
 use crate::handles::Handles;
@@ -8,14 +8,14 @@ use crate::scene::{SCENES, lsdc_scene};
 use crate::status::lsdc_status;
 use lsdc_core::Alignment;
 
-/// The evidence of one or more frames for a shift between points and images, as wrong extrinsics or time stamps cause.
+/// Evidence from one or more frames of a shift between points and images, caused by wrong extrinsics or time stamps.
 pub struct lsdc_alignment {
     _opaque: [u8; 0],
 }
 
 static ALIGNMENTS: Handles<lsdc_alignment, Alignment> = Handles::new("alignment");
 
-/// The shift of the points at which they fit the images best. Set `struct_size` to `sizeof(lsdc_shift)`.
+/// The shift at which the points fit the images best. Set `struct_size` to `sizeof(lsdc_shift)`.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct lsdc_shift {
@@ -25,18 +25,18 @@ pub struct lsdc_shift {
     pub x: f64,
     /// Down, in pixels of the image; NaN without evidence.
     pub y: f64,
-    /// Mean leave-one-out error of the points where they are, over their depth; NaN without evidence.
+    /// Mean leave-one-out error of the unshifted points, relative to their depth; NaN without evidence.
     pub error: f64,
-    /// The same of the moved points.
+    /// The same error of the shifted points.
     pub error_moved: f64,
-    /// The gain in log-likelihood over its standard error; 0 without evidence.
+    /// Gain in log-likelihood, divided by its standard error; 0 without evidence.
     pub standard_errors: f64,
-    /// Points that were compared, over all frames.
+    /// Number of points compared in all frames.
     pub points: usize,
-    /// Frames with evidence.
+    /// Number of frames with evidence.
     pub frames: usize,
-    /// 1 if chance does not explain the shift: it is 6 standard errors in five frames or more, 9 in fewer, and lowers the
-    /// error by 5 %. Check extrinsics and time stamps then. Otherwise 0.
+    /// 1 if chance does not explain the shift: the gain is 6 standard errors in five frames or more, 9 in fewer, and the
+    /// shift lowers the error by 5 %. Check extrinsics and time stamps then. Otherwise 0.
     pub is_clear: u32,
     /// 0.
     pub reserved: u32,
@@ -47,11 +47,11 @@ unsafe impl Versioned for lsdc_shift {
     const LEAST: usize = size_of::<usize>();
 }
 
-/// Tests whether points lie where the image of a scene shows them: predicts them from each other (at most 2000 of
-/// them) where they are, and moved by 40 shifts of up to a twentieth of the width of the image. It takes as long as some 41
-/// fits, and one image hardly ever tells: pool the first five to ten frames of a recording by passing the alignment so
-/// far as `before`, which may be null. Fewer than 100 points that are not near the border are no evidence, and no error.
-/// `*alignment` becomes a handle to be freed with `lsdc_alignment_free`, or null if the call fails.
+/// Tests whether points are aligned with the image of a scene: predicts at most 2000 of them from each other, unshifted
+/// and with 40 shifts of up to a twentieth of the width of the image. It takes as long as about 41 fits. One image is
+/// rarely enough: pool the first five to ten frames of a recording by passing the alignment so far as `before`, which
+/// may be null. Fewer than 100 points away from the border give no evidence, but no error. `*alignment` becomes a
+/// handle to be freed with `lsdc_alignment_free`, or null if the call fails.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_alignment(
     scene: *const lsdc_scene,
@@ -75,7 +75,7 @@ pub unsafe extern "C" fn lsdc_scene_alignment(
     })
 }
 
-/// Writes the best of the shifts, clear or not.
+/// Writes the best shift, whether it is clear or not.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_alignment_shift(
     alignment: *const lsdc_alignment,
@@ -88,7 +88,7 @@ pub unsafe extern "C" fn lsdc_alignment_shift(
     })
 }
 
-/// Frees an alignment; null is ignored. A handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
+/// Frees an alignment; null is ignored. A handle that was freed before gives `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_alignment_free(alignment: *mut lsdc_alignment) -> lsdc_status {
     guard(|| -> Result<()> { ALIGNMENTS.free(alignment) })

@@ -9,7 +9,7 @@ use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
 use lsdc_core::{Completer, Weights};
 use std::ffi::{c_char, c_int, c_void};
 
-/// A trained network with the settings of the fit, and threads.
+/// A trained network, the settings of the fit, and threads.
 pub struct lsdc_completer {
     _opaque: [u8; 0],
 }
@@ -20,23 +20,23 @@ pub(crate) static COMPLETERS: Handles<lsdc_completer, Pooled<Completer>> =
 /// The model of depth: one of the constants `LSDC_FIT_...`.
 pub type lsdc_fit = u32;
 
-/// That for which the weights were trained.
+/// The model for which the weights were trained.
 pub const LSDC_FIT_DEFAULT: lsdc_fit = 0;
-/// Basis functions alone: least squares as in the paper.
+/// Basis functions only: least squares as in the paper.
 pub const LSDC_FIT_LSE: lsdc_fit = 1;
-/// A field alone, which is smooth except across edges.
+/// A field only, which is smooth except across edges.
 pub const LSDC_FIT_FIELD: lsdc_fit = 2;
 /// Basis functions and a field.
 pub const LSDC_FIT_JOINT: lsdc_fit = 3;
 
-/// How the influence of wrong points is limited: one of the constants `LSDC_ROBUST_...`.
+/// How the influence of outliers is limited: one of the constants `LSDC_ROBUST_...`.
 pub type lsdc_robust = u32;
 
-/// As the weights say; those of the library do not limit it.
+/// The setting of the weights; the weights of the library do not limit the influence.
 pub const LSDC_ROBUST_DEFAULT: lsdc_robust = 0;
-/// Not at all.
+/// No limit.
 pub const LSDC_ROBUST_NONE: lsdc_robust = 1;
-/// By the probability of each point to be right, judged by the others.
+/// Weights each point by its probability of being an inlier, judged by the other points.
 pub const LSDC_ROBUST_AUTO: lsdc_robust = 2;
 /// Least absolute residuals, as in the paper.
 pub const LSDC_ROBUST_IRLS: lsdc_robust = 3;
@@ -55,16 +55,16 @@ pub const LSDC_ROBUST_TUKEY: lsdc_robust = 7;
 pub struct lsdc_completer_options {
     /// `sizeof(lsdc_completer_options)`.
     pub struct_size: usize,
-    /// Threads of its own, at most 4096. 0 means those that all such completers share, one per core.
+    /// Number of separate threads, at most 4096. 0 means the shared threads of such completers, one per core.
     pub threads: usize,
-    /// With `working_height`: images are resized to about as many pixels as this size has, with their aspect
-    /// ratio kept, before they enter the network. Both 0 means the size of the training images.
+    /// With `working_height`: images are resized to about the number of pixels of this size, keeping their aspect
+    /// ratio, before they enter the network. Both 0 means the size of the training images.
     pub working_width: usize,
     /// See `working_width`.
     pub working_height: usize,
     /// The model of depth.
     pub fit: lsdc_fit,
-    /// How the influence of wrong points is limited.
+    /// How the influence of outliers is limited.
     pub robust: lsdc_robust,
 }
 
@@ -73,11 +73,11 @@ unsafe impl Versioned for lsdc_completer_options {
     const LEAST: usize = size_of::<usize>();
 }
 
-/// Makes a completer with weights of the library: "default", the most accurate that need nothing installed, "small",
-/// which take two thirds of the time, "anything", the most accurate of all, or "none", no network at all, for scenes
-/// with a guide. "anything" needs an encoder that the program `lsdc` installs once in the user's data folder: `lsdc
-/// weights get anything`, or `lsdc weights add FILE` without a network; LSDC_WEIGHTS names another folder. `options`
-/// may be null. `*completer` becomes a handle to be freed with `lsdc_completer_free`, or null if the call fails.
+/// Creates a completer with weights of the library: "default", the most accurate without an installation; "small",
+/// which take two thirds of the time; "anything", the most accurate of all; or "none", no network, for scenes with a
+/// guide. "anything" needs an encoder, which the program `lsdc` installs once in the user's data folder: `lsdc weights
+/// get anything`, or offline `lsdc weights add FILE`; LSDC_WEIGHTS names another folder. `options` may be null.
+/// `*completer` becomes a handle to be freed with `lsdc_completer_free`, or null if the call fails.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_create(
     weights: *const c_char,
@@ -90,7 +90,7 @@ pub unsafe extern "C" fn lsdc_completer_create(
     guard(|| unsafe { make(weights, options, completer) })
 }
 
-/// Makes a completer with weights from a file, as `lsdc train` writes them. `path` ends with a zero; it is
+/// Creates a completer with weights from a file, as `lsdc train` writes them. `path` is null-terminated, and
 /// UTF-8 on Windows. Otherwise as `lsdc_completer_create`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_create_from_file(
@@ -104,7 +104,7 @@ pub unsafe extern "C" fn lsdc_completer_create_from_file(
     guard(|| unsafe { make(weights, options, completer) })
 }
 
-/// Makes a completer with weights from the `size` bytes of such a file in memory, which are not needed
+/// Creates a completer with weights from the `size` bytes of such a file in memory, which are not needed
 /// afterwards. Otherwise as `lsdc_completer_create`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_create_from_memory(
@@ -123,15 +123,15 @@ pub unsafe extern "C" fn lsdc_completer_create_from_memory(
     guard(|| unsafe { make(weights, options, completer) })
 }
 
-/// Frees the memory that a completer keeps for further images and fits, of which the latter is shared by all completers, and
-/// with glibc hands all free memory of the process back to the system. A program that has little memory calls it after
-/// `lsdc_scene_create`; later calls allocate again.
+/// Frees the memory that a completer keeps for further images, and the memory that all completers keep for further
+/// fits. With glibc, it also returns all free memory of the process to the system. Programs with little memory call
+/// it after `lsdc_scene_create`; later calls allocate again.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_completer_release(completer: *const lsdc_completer) -> lsdc_status {
     guard(|| {
         COMPLETERS.get(completer)?.value.release();
         #[cfg(all(target_os = "linux", target_env = "gnu"))]
-        // SAFETY: it takes a number, and may be called while other threads allocate.
+        // SAFETY: the argument is a number, and other threads may allocate during the call.
         unsafe {
             malloc_trim(0);
         }
@@ -141,18 +141,18 @@ pub extern "C" fn lsdc_completer_release(completer: *const lsdc_completer) -> ls
 
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 unsafe extern "C" {
-    /// Of glibc, whose allocator keeps freed memory for the thread that had it.
+    /// A function of glibc, whose allocator keeps freed memory for the thread that allocated it.
     fn malloc_trim(kept: usize) -> c_int;
 }
 
-/// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A
-/// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
+/// Frees a completer; null is ignored. Its scenes, and calls in progress, are not affected. A handle that was
+/// freed before gives `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_completer_free(completer: *mut lsdc_completer) -> lsdc_status {
     guard(|| COMPLETERS.free(completer))
 }
 
-/// Weights, with their network or only with the settings of their fit.
+/// Weights with their network, or only with the settings of their fit.
 struct SelectedWeights {
     weights: Weights,
     network: bool,
@@ -242,7 +242,7 @@ fn robust(robust: lsdc_robust, recorded: Option<Robust>) -> Result<Option<Robust
     Ok(Some(Robust::new(loss)))
 }
 
-/// Weights of the library, by their name.
+/// Returns weights of the library by name.
 fn named(name: &str) -> Result<SelectedWeights> {
     let network = name != NONE;
     let found = if network {
@@ -254,10 +254,10 @@ fn named(name: &str) -> Result<SelectedWeights> {
     Ok(SelectedWeights { weights, network })
 }
 
-/// The name that stands for no network at all.
+/// Name of the weights without a network.
 const NONE: &str = "none";
 
-/// There are no weights of a name: without the features `weights` and `weights-small`, none at all.
+/// Returns the error for an unknown name of weights; without the features `weights` and `weights-small`, for any name.
 fn unknown(name: &str) -> Error {
     let read = "read a file with lsdc_completer_create_from_file";
     if lsdc_weights::embedded().is_empty() {

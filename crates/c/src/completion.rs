@@ -1,4 +1,4 @@
-//! Completions: depth, its errors, and what the points say of each other.
+//! Completions: depth, its errors, and results at the points.
 
 use crate::completer::{fit_of, lsdc_fit};
 use crate::error::{Error, Result, guard};
@@ -10,12 +10,12 @@ use crate::status::lsdc_status;
 use lsdc_core::{Completion, Observations, Outlier};
 use std::sync::Arc;
 
-/// A scene fitted to points. What is not part of the fit is computed on request.
+/// A scene fitted to points. Results beyond the fit are computed on request.
 pub struct lsdc_completion {
     _opaque: [u8; 0],
 }
 
-/// A completion, and the points that it was fitted to.
+/// A completion, and the points to which it was fitted.
 #[derive(Clone)]
 pub(crate) struct StoredCompletion {
     pub(crate) completion: Completion,
@@ -31,35 +31,35 @@ pub(crate) static COMPLETIONS: Handles<lsdc_completion, Pooled<StoredCompletion>
 pub struct lsdc_report {
     /// `sizeof(lsdc_report)`.
     pub struct_size: usize,
-    /// Points that were given: `used + invalid + outside`.
+    /// Number of points given: `used + invalid + outside`.
     pub given: usize,
-    /// Points that were fitted.
+    /// Number of points fitted.
     pub used: usize,
-    /// Points left out because their depth is not from 1e-15 to 1e15, or their position not finite.
+    /// Points left out because their depth is not from 1e-15 to 1e15, or their position is not finite.
     pub invalid: usize,
     /// Points left out because they are outside the image.
     pub outside: usize,
-    /// Points used without a sigma, or with one that is not positive and finite, where others had one.
+    /// Points used without a positive and finite sigma, if others have one.
     pub without_deviation: usize,
-    /// Directions that the points determine, at most `functions`.
+    /// Number of directions that the points determine, at most `functions`.
     pub rank: usize,
-    /// Basis functions of the network, including the constant.
+    /// Number of basis functions of the network, including the constant.
     pub functions: usize,
     /// Root mean square of the residuals, in the unit of the points.
     pub residual: f64,
     /// The strength of the prior; NaN if there is none.
     pub lambda: f64,
-    /// How far the guide was trusted, 0 if the points do not support it; NaN if there was none.
+    /// Trust in the guide, 0 if the points do not support it; NaN if there was none.
     pub guide_trust: f64,
-    /// Depths are clamped to be at least this, a tenth of the smallest given depth.
+    /// Lower limit to which depths are clamped: a tenth of the smallest given depth.
     pub lowest: f64,
-    /// Depths are clamped to be at most this, ten times the largest given depth.
+    /// Upper limit to which depths are clamped: ten times the largest given depth.
     pub highest: f64,
     /// Run time of the network in seconds.
     pub network_seconds: f64,
     /// Run time of the fit in seconds, including `field_seconds` and `solve_seconds`.
     pub fit_seconds: f64,
-    /// Run time of what only the first fit to an image does, in seconds.
+    /// Run time of the preparation that only the first fit to an image needs, in seconds.
     pub field_seconds: f64,
     /// Run time of the solver in seconds.
     pub solve_seconds: f64,
@@ -67,8 +67,8 @@ pub struct lsdc_report {
     pub fit: lsdc_fit,
     /// 0.
     pub reserved: u32,
-    /// How far the map goes from the joint fit, 0, to the median of this fit, of the field alone, and of the surface that
-    /// the points span, 1; NaN for other fits, and for points that span no surface.
+    /// Share of the median in the map: 0 is the joint fit, 1 the median of this fit, of the field alone, and of the surface
+    /// spanned by the points; NaN for other fits, and for points that span no surface.
     pub median_share: f64,
 }
 
@@ -77,7 +77,7 @@ unsafe impl Versioned for lsdc_report {
     const LEAST: usize = size_of::<usize>();
 }
 
-/// A point that is more likely wrong than right, judged by the others.
+/// A point that is more likely an outlier than an inlier, judged by the other points.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct lsdc_outlier {
@@ -89,21 +89,21 @@ pub struct lsdc_outlier {
     pub y: f64,
     /// Its depth.
     pub depth: f64,
-    /// The probability that it is wrong, from 0.5 to 1.
+    /// Probability that it is an outlier, from 0.5 to 1.
     pub probability: f64,
-    /// Its distance from what the others predict, in the scale of the errors of right points there; positive
-    /// if it is farther away.
+    /// Its depth minus the prediction from the other points, over the scale of the errors of inliers there;
+    /// positive if it is farther away.
     pub score: f64,
-    /// Its depth minus what the others predict.
+    /// Its depth minus the prediction from the other points.
     pub error: f64,
-    /// The weight that it kept in a robust fit.
+    /// Its weight in a robust fit.
     pub weight: f64,
 }
 
-/// Writes the dense depth, in the unit of the points, as `height` rows of `width` floats, whose rows start
-/// `stride` bytes apart (without gaps if that is 0). `size` is the number of bytes from `depth` to the end of
-/// the buffer; bytes between rows are left as they are. Any size may be asked for: that of the image, see
-/// `lsdc_scene_size`, gives a depth for each of its pixels. If the call fails, the buffer is unchanged.
+/// Writes the dense depth, in the unit of the points, as `height` rows of `width` floats. Rows start `stride`
+/// bytes apart; 0 means no gaps. `size` is the number of bytes from `depth` to the end of the buffer; bytes
+/// between rows are unchanged. Any size is possible; the size of the image (`lsdc_scene_size`) gives a depth for
+/// each of its pixels. If the call fails, the buffer is unchanged.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_depth(
     completion: *const lsdc_completion,
@@ -121,9 +121,9 @@ pub unsafe extern "C" fn lsdc_completion_depth(
     })
 }
 
-/// Writes the standard deviation of the error of the depth at every pixel, in the unit of the points: half
-/// the width of the interval around the depth that holds 68.27 % of errors. Otherwise as
-/// `lsdc_completion_depth`. Fails with `LSDC_ERROR_FIT` if there are too few points to tell.
+/// Writes the standard deviation of the depth error at every pixel, in the unit of the points: half the width
+/// of the interval around the depth that contains 68.27 % of errors. Otherwise as `lsdc_completion_depth`.
+/// Fails with `LSDC_ERROR_FIT` if there are too few points for an estimate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_standard_deviation(
     completion: *const lsdc_completion,
@@ -141,7 +141,7 @@ pub unsafe extern "C" fn lsdc_completion_standard_deviation(
     })
 }
 
-/// Writes the number of standard deviations around the depth that hold a share `level` of errors, between 0
+/// Writes the number of standard deviations around the depth that contain a share `level` of errors, between 0
 /// and 1: 95 % need more than 1.96.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_interval(
@@ -192,7 +192,7 @@ pub unsafe extern "C" fn lsdc_completion_report(
     })
 }
 
-/// Writes, for each of the `count` points given, its depth minus the fitted depth; NaN for those that were
+/// Writes, for each of the `count` points given, its depth minus the fitted depth; NaN for points that were
 /// not used. `count` must be `given` of the report.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_residuals(
@@ -212,9 +212,9 @@ pub unsafe extern "C" fn lsdc_completion_residuals(
     })
 }
 
-/// Writes, for each of the `count` points given, its depth minus what a fit to all others predicts; NaN for
-/// those that were not used, and those that the fit passes through whatever their depths are. `count` must be
-/// `given` of the report.
+/// Writes, for each of the `count` points given, its depth minus the prediction of a fit to all others; NaN for
+/// points that were not used, and for points that the fit interpolates whatever their depths are. `count` must
+/// be `given` of the report.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_leave_one_out(
     completion: *const lsdc_completion,
@@ -233,8 +233,8 @@ pub unsafe extern "C" fn lsdc_completion_leave_one_out(
     })
 }
 
-/// Writes the root mean square of the leave-one-out errors, which estimates the error of the depth between
-/// the points; NaN if no point has one.
+/// Writes the root mean square of the leave-one-out errors, an estimate of the depth error between the points;
+/// NaN if no point has such an error.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_leave_one_out_error(
     completion: *const lsdc_completion,
@@ -248,9 +248,9 @@ pub unsafe extern "C" fn lsdc_completion_leave_one_out_error(
     })
 }
 
-/// Writes the final weight of each of the `count` points given: 1 in a plain fit without sigmas, less for a
-/// point that a robust fit trusts less, or that has a larger sigma; NaN for those that were not used. `count`
-/// must be `given` of the report.
+/// Writes the final weight of each of the `count` points given: 1 in a plain fit without sigmas, less for points
+/// that a robust fit downweights, or that have a larger sigma; NaN for points that were not used. `count` must
+/// be `given` of the report.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_point_weights(
     completion: *const lsdc_completion,
@@ -269,9 +269,9 @@ pub unsafe extern "C" fn lsdc_completion_point_weights(
     })
 }
 
-/// Lists the points that are more likely wrong than right, worst first. Writes the first `capacity` of them
-/// to `outliers`, which may be null if that is 0, and the number of all to `*count`. `outlier_size` is
-/// `sizeof(lsdc_outlier)`.
+/// Lists the points that are more likely outliers than inliers, worst first. Writes the first `capacity` of
+/// them to `outliers`, which may be null if `capacity` is 0, and the number of all to `*count`. `outlier_size`
+/// is `sizeof(lsdc_outlier)`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_outliers(
     completion: *const lsdc_completion,
@@ -304,14 +304,14 @@ pub unsafe extern "C" fn lsdc_completion_outliers(
     })
 }
 
-/// Frees a completion; null is ignored. Calls that use it at this moment are not affected. A handle that was
-/// freed before is an error, `LSDC_ERROR_HANDLE`.
+/// Frees a completion; null is ignored. Calls in progress are not affected. A handle that was freed before gives
+/// `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_completion_free(completion: *mut lsdc_completion) -> lsdc_status {
     guard(|| COMPLETIONS.free(completion))
 }
 
-// SAFETY: it is `repr(C)` with fields of 8 bytes each where a pointer has 8; it is only ever copied out, never read.
+// SAFETY: it is `repr(C)` with fields of 8 bytes each where a pointer has 8; it is only copied out, never read.
 unsafe impl memory::Plain for lsdc_outlier {}
 
 fn report_of(completion: &Completion) -> lsdc_report {

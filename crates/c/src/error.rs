@@ -1,4 +1,4 @@
-//! Why a call failed.
+//! Errors of calls, and their status codes.
 
 use crate::last_error;
 use crate::status::{
@@ -102,13 +102,13 @@ impl From<lsdc_core::Error> for Error {
 }
 
 impl From<lsdc_weights::error::Error> for Error {
-    /// An error of the weights in the user's data folder.
+    /// Converts an error of the weights in the user's data folder.
     fn from(error: lsdc_weights::error::Error) -> Self {
         Self::weights(error.with_causes()).with_hint(error.advice().unwrap_or_default())
     }
 }
 
-/// What to do, in the words of this interface.
+/// Returns a hint in terms of this interface.
 fn hint(error: &lsdc_core::Error) -> Option<&str> {
     use lsdc_core::Error::Fit;
     match error {
@@ -126,8 +126,7 @@ fn hint(error: &lsdc_core::Error) -> Option<&str> {
     }
 }
 
-/// Runs the body of a function of the interface: no panic leaves it, and an error is kept for
-/// `lsdc_last_error`.
+/// Runs the body of a function of the interface. Catches panics, and keeps errors for `lsdc_last_error`.
 pub(crate) fn guard(work: impl FnOnce() -> Result<()>) -> lsdc_status {
     let caught = catch_unwind(AssertUnwindSafe(work));
     match caught.unwrap_or_else(|payload| Err(Error::panic(&*payload))) {
@@ -146,7 +145,7 @@ mod tests {
     use std::ffi::{CStr, c_char};
 
     fn text(pointer: *const c_char) -> String {
-        // SAFETY: the texts of this thread end with a zero and live until its next failure.
+        // SAFETY: the texts of this thread are null-terminated and valid until its next failure.
         let text = unsafe { CStr::from_ptr(pointer) };
         text.to_str().unwrap().to_owned()
     }

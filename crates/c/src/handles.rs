@@ -1,7 +1,7 @@
-//! Handles: numbers that look like pointers, and the tables of what they stand for.
+//! Handles: numbers in the form of pointers, and the tables of their objects.
 //!
-//! A number is given out once. Hence a handle that was freed, twice or while another thread uses it, and one
-//! that was never made, are found out; none is ever followed.
+//! A number is used only once, so freed handles (twice, or while another thread uses them) and handles that never existed
+//! are detected. Handles are never dereferenced.
 
 use crate::error::{Error, Result};
 use std::collections::BTreeMap;
@@ -10,13 +10,13 @@ use std::ptr::without_provenance_mut;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{PoisonError, RwLock};
 
-/// No address of x86-64 or AArch64 begins like this, so that a pointer of the caller is not taken for a
-/// handle, and a handle that is followed stops the program.
+/// No address of x86-64 or AArch64 begins like this: a pointer of the caller is not taken for a handle, and dereferencing a
+/// handle stops the program.
 const FIRST: usize = usize::MAX / 9 * 4;
 
 static NEXT: AtomicUsize = AtomicUsize::new(FIRST);
 
-/// The live handles `*mut C`, and what they stand for.
+/// The live handles `*mut C` and their objects.
 pub(crate) struct Handles<C, T> {
     what: &'static str,
     live: RwLock<BTreeMap<usize, T>>,
@@ -32,7 +32,7 @@ impl<C, T: Clone> Handles<C, T> {
         }
     }
 
-    /// A new handle of `value`.
+    /// Creates a handle of `value`.
     pub(crate) fn add(&self, value: T) -> *mut C {
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
@@ -40,7 +40,7 @@ impl<C, T: Clone> Handles<C, T> {
         without_provenance_mut(number)
     }
 
-    /// What a handle stands for: a share of it, which lives on if the handle is freed.
+    /// Returns a clone of a handle's object, which remains valid if the handle is freed.
     pub(crate) fn get(&self, handle: *const C) -> Result<T> {
         if handle.is_null() {
             return Err(Error::null(self.what));
@@ -50,14 +50,14 @@ impl<C, T: Clone> Handles<C, T> {
         value.cloned().ok_or_else(|| Error::handle(self.what))
     }
 
-    /// Frees a handle; null is none.
+    /// Frees a handle; null is ignored.
     pub(crate) fn free(&self, handle: *const C) -> Result<()> {
         if handle.is_null() {
             return Ok(());
         }
         let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
         let value = live.remove(&handle.addr());
-        // What it stands for may take a while to go.
+        // Dropping the object may take a while.
         drop(live);
         value.map(drop).ok_or_else(|| Error::handle(self.what))
     }

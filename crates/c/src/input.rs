@@ -19,7 +19,7 @@ pub const LSDC_GREY8: lsdc_format = 2;
 pub const LSDC_RGBA8: lsdc_format = 3;
 /// Blue, green, red and a byte that is ignored.
 pub const LSDC_BGRA8: lsdc_format = 4;
-/// As `LSDC_RGB8` in floats from 0 (black) to 1 (white); a little outside is clamped, above 16 an error.
+/// As `LSDC_RGB8` in floats from 0 (black) to 1 (white); values slightly outside are clamped, above 16 an error.
 pub const LSDC_RGB_F32: lsdc_format = 16;
 /// As `LSDC_BGR8` in floats.
 pub const LSDC_BGR_F32: lsdc_format = 17;
@@ -38,13 +38,13 @@ pub struct lsdc_image {
     pub struct_size: usize,
     /// The first pixel of the first row. No alignment is needed.
     pub data: *const c_void,
-    /// Bytes of the buffer from there: up to the last pixel, or the end of the last row's stride.
+    /// Bytes of the buffer from `data` to the last pixel, or to the end of the last row's stride.
     pub size: usize,
     /// Number of columns.
     pub width: usize,
     /// Number of rows; width times height is at most 2^30.
     pub height: usize,
-    /// Bytes from the start of one row to the next; 0 means without gaps.
+    /// Bytes from the start of one row to the next; 0 means no gaps.
     pub stride: usize,
     /// One of the constants `LSDC_RGB8` to `LSDC_BGRA_F32`.
     pub format: lsdc_format,
@@ -62,10 +62,10 @@ pub type lsdc_depth_format = u32;
 
 /// 32-bit floats.
 pub const LSDC_F32: lsdc_depth_format = 0;
-/// 16-bit integers without sign, in the byte order of the machine.
+/// Unsigned 16-bit integers in the byte order of the machine.
 pub const LSDC_U16: lsdc_depth_format = 1;
 
-/// A map of depths, of their standard deviations, or of a guide in the caller's memory. Set `struct_size` to
+/// A map of depths, standard deviations or guide values in the caller's memory. Set `struct_size` to
 /// `sizeof(lsdc_map)`.
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -74,16 +74,15 @@ pub struct lsdc_map {
     pub struct_size: usize,
     /// The first value of the first row. No alignment is needed.
     pub data: *const c_void,
-    /// Bytes of the buffer from there: up to the last value, or the end of the last row's stride.
+    /// Bytes of the buffer from `data` to the last value, or to the end of the last row's stride.
     pub size: usize,
     /// Number of columns.
     pub width: usize,
     /// Number of rows; width times height is at most 2^30.
     pub height: usize,
-    /// Bytes from the start of one row to the next; 0 means without gaps.
+    /// Bytes from the start of one row to the next; 0 means no gaps.
     pub stride: usize,
-    /// What a value of 1 stands for, in metres: 0.001 for millimetres. 0 means 1 for floats; integers need
-    /// it.
+    /// The unit of the values in metres: 0.001 for millimetres. Required for integers; for floats, 0 means 1.
     pub unit: f64,
     /// `LSDC_F32` or `LSDC_U16`.
     pub format: lsdc_depth_format,
@@ -99,7 +98,7 @@ unsafe impl Versioned for lsdc_map {
 /// Known depths at some positions of an image, in the caller's memory. Set `struct_size` to
 /// `sizeof(lsdc_points)`.
 ///
-/// With a stride of 0, `x`, `y`, `depth` and `sigma` are arrays of `count` values; otherwise they lead to the
+/// With a stride of 0, `x`, `y`, `depth` and `sigma` are arrays of `count` values; otherwise they point to
 /// fields of the first of `count` structures that are `stride` bytes apart.
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -108,17 +107,16 @@ pub struct lsdc_points {
     pub struct_size: usize,
     /// Number of points, at most 2^30.
     pub count: usize,
-    /// Columns, which may lie between pixels: 0 is the centre of the first, and the image ends at `width -
-    /// 0.5`.
+    /// Columns, which may lie between pixels: 0 is the centre of the first, the image ends at `width - 0.5`.
     pub x: *const f64,
-    /// Rows, downwards: 0 is the centre of the first, and the image ends at `height - 0.5`.
+    /// Rows, downwards: 0 is the centre of the first, the image ends at `height - 0.5`.
     pub y: *const f64,
-    /// Depths along the optical axis in metres, or in any other unit, which is then that of all results.
+    /// Depths along the optical axis, in metres or any other unit; results are in the same unit.
     pub depth: *const f32,
-    /// Standard deviations of the depths in the same unit; null if all are unknown. One that is not positive and finite
-    /// (0, negative, NaN, infinite) is unknown, and counted in `lsdc_report.without_deviation` if others are known.
+    /// Standard deviations of the depths in the same unit; null if all are unknown. Values that are not positive and
+    /// finite mean unknown, and are counted in `lsdc_report.without_deviation` if others are known.
     pub sigma: *const f32,
-    /// Bytes from one point to the next in all of the arrays; 0 means without gaps.
+    /// Bytes from one point to the next in all arrays; 0 means no gaps.
     pub stride: usize,
 }
 
@@ -127,16 +125,16 @@ unsafe impl Versioned for lsdc_points {
     const LEAST: usize = size_of::<Self>();
 }
 
-/// What the values of a guide mean, each up to scale and shift: one of the constants `LSDC_GUIDE_...`.
+/// Quantity of the values of a guide, up to scale and shift: one of the constants `LSDC_GUIDE_...`.
 pub type lsdc_guide_kind = u32;
 
 /// Depths above 0.
 pub const LSDC_GUIDE_DEPTH: lsdc_guide_kind = 0;
-/// Inverse depths, larger is nearer, as MiDaS and Depth Anything predict.
+/// Inverse depths (larger is nearer), as MiDaS and Depth Anything predict.
 pub const LSDC_GUIDE_DISPARITY: lsdc_guide_kind = 1;
 /// Logarithms of depths.
 pub const LSDC_GUIDE_LOG: lsdc_guide_kind = 2;
-/// With a guide of null: no guide, not even that of the depth head of "anything".
+/// With a null guide: no guide, not even from the depth head of "anything".
 pub const LSDC_GUIDE_NONE: lsdc_guide_kind = 3;
 
 pub(crate) fn unused(reserved: u32, what: &str) -> Result<()> {
@@ -146,7 +144,7 @@ pub(crate) fn unused(reserved: u32, what: &str) -> Result<()> {
     }
 }
 
-/// The rows of `width * height` pixels of `bytes` bytes, which fill `size` bytes.
+/// Returns the layout of `width * height` pixels of `bytes` bytes, which must fill `size` bytes.
 fn grid(
     what: &str,
     [width, height, bytes]: [usize; 3],
@@ -157,7 +155,7 @@ fn grid(
     RowLayout::new(what, height, width * bytes, stride)?.fill(what, size)
 }
 
-/// Checks that something of this size can be used.
+/// Checks that a size is valid.
 pub(crate) fn checked_size(what: &str, width: usize, height: usize) -> Result<()> {
     match width.checked_mul(height) {
         Some(1..=MAX_PIXELS) => Ok(()),
@@ -244,10 +242,10 @@ impl lsdc_image {
 pub(crate) struct MapValues {
     width: usize,
     height: usize,
-    /// As they are stored.
+    /// Values as stored.
     values: Vec<f32>,
     numbers: NumberType,
-    /// Metres to a stored one.
+    /// Metres per stored unit.
     unit: f64,
 }
 
@@ -290,7 +288,7 @@ impl MapValues {
         })
     }
 
-    /// Metres of a stored value.
+    /// Converts a stored value to metres.
     fn metres(&self, value: f32) -> f32 {
         if self.unit == 1.0 {
             value
@@ -299,8 +297,8 @@ impl MapValues {
         }
     }
 
-    /// The measurements of a map of the size of an image, in the order of rows. Where the map is 0, there is
-    /// none; what cannot be a depth, or marks that nothing was measured, is kept as such, to be counted.
+    /// Returns the measurements of a map of the size of an image, row by row. Pixels that are 0 are skipped; values that are no
+    /// valid depths, or mark missing measurements, are kept as invalid, to be counted.
     pub(crate) fn observations(
         mut self,
         sigma: Option<Self>,
@@ -337,7 +335,7 @@ impl MapValues {
         Ok(measured.map(observation).collect())
     }
 
-    /// A guide. Gaps need no measurements: they are where values are no predictions.
+    /// Converts the map to a guide. Values that are no valid predictions are gaps.
     pub(crate) fn guide(self, kind: lsdc_guide_kind) -> Result<DepthGuide> {
         let kind = match kind {
             LSDC_GUIDE_DEPTH => GuideKind::Depth,

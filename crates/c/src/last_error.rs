@@ -1,4 +1,4 @@
-//! What was wrong in the last call that failed, kept for the thread that made it.
+//! Message and hint of the last failed call of each thread.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
@@ -7,11 +7,11 @@ thread_local! {
     static LAST: RefCell<(CString, CString)> = RefCell::default();
 }
 
-/// Keeps what was wrong, and what to do about it.
+/// Keeps a message and a hint.
 pub(crate) fn keep(message: &str, hint: &str) {
     let text = |text: &str| CString::new(text.replace('\0', " ")).unwrap_or_default();
     let texts = (text(message), text(hint));
-    // A thread that is ending has no place for it any more.
+    // The storage of a thread that is ending may be gone.
     let _ = LAST.try_with(|last| last.replace(texts));
 }
 

@@ -1,21 +1,20 @@
-//! Reading and writing the caller's memory: the only file in which its pointers are followed.
+//! Reading and writing the caller's memory: the only file that dereferences the caller's pointers.
 //!
-//! Everything is copied, byte by byte, so that neither alignment nor what lies between rows, or overlaps,
-//! matters. That pointers lead to as many bytes as their sizes say is the caller's promise, and cannot be
-//! checked here.
+//! Everything is copied byte by byte, so alignment, gaps between rows and overlaps do not matter. The caller promises that
+//! pointers lead to as many bytes as their sizes say; this cannot be checked.
 
 use crate::error::{Error, Result};
 use std::ffi::{CStr, c_char};
 use std::mem::MaybeUninit;
 use std::path::PathBuf;
 
-/// Larger structures are none of any version: `struct_size` was not set.
+/// No version has larger structures: `struct_size` was not set.
 const LARGEST: usize = 4096;
 
-/// Numbers of which any bytes are a value.
+/// Numbers for which any bytes are a valid value.
 ///
 /// # Safety
-/// Any bytes are a value, and there is no padding.
+/// Any bytes are a valid value, and there is no padding.
 pub(crate) unsafe trait Plain: Copy {}
 
 // SAFETY: numbers are made of bytes without padding.
@@ -27,16 +26,16 @@ unsafe impl Plain for f32 {}
 // SAFETY: as above.
 unsafe impl Plain for f64 {}
 
-/// Structures that grow at their end from one version to the next, and begin with their size in bytes.
+/// Structures that begin with their size in bytes, and to whose end later versions add fields.
 ///
 /// # Safety
-/// The type is `repr(C)`, its first field is `struct_size: usize`, and zeros in the others are a value.
+/// The type is `repr(C)`, its first field is `struct_size: usize`, and zeros are valid in all other fields.
 pub(crate) unsafe trait Versioned: Copy {
-    /// The size of the smallest structure that says enough.
+    /// Size of the smallest valid structure.
     const LEAST: usize;
 }
 
-/// How rows lie in a buffer, in bytes.
+/// Layout of rows in a buffer, in bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RowLayout {
     count: usize,
@@ -47,8 +46,7 @@ pub(crate) struct RowLayout {
 }
 
 impl RowLayout {
-    /// `count` rows of `row` bytes, `stride` bytes apart (without gaps if that is 0). `what` names them in
-    /// errors.
+    /// Creates the layout of `count` rows of `row` bytes, `stride` bytes apart (0: no gaps). `what` names the rows in errors.
     pub(crate) fn new(what: &str, count: usize, row: usize, stride: usize) -> Result<Self> {
         let stride = if stride == 0 { row } else { stride };
         if stride < row {
@@ -69,7 +67,7 @@ impl RowLayout {
         }
     }
 
-    /// Bytes from the first to the last.
+    /// Returns the number of bytes from the first to the last.
     fn span(self) -> usize {
         match self.count {
             0 => 0,
@@ -77,7 +75,7 @@ impl RowLayout {
         }
     }
 
-    /// Checks that they fit into `size` bytes.
+    /// Checks that the rows fit into `size` bytes.
     pub(crate) fn fit(self, what: &str, size: usize) -> Result<Self> {
         if self.span() <= size {
             return Ok(self);
@@ -87,8 +85,7 @@ impl RowLayout {
         Err(Error::buffer(message))
     }
 
-    /// Checks that they fit into `size` bytes, and that nothing follows: a longer buffer has another format
-    /// or stride.
+    /// Checks that the rows fill `size` bytes: a longer buffer has another format or stride.
     pub(crate) fn fill(self, what: &str, size: usize) -> Result<Self> {
         let all = self.stride * self.count;
         if size > all {
@@ -113,7 +110,7 @@ fn check(pointer: *const u8, bytes: usize, what: &str) -> Result<()> {
     }
 }
 
-/// Reads what a pointer of the caller leads to, unless it is null.
+/// Calls `read` with a pointer of the caller, unless it is null.
 pub(crate) fn unless_null<T, R>(
     pointer: *const T,
     read: impl FnOnce(*const T) -> Result<R>,
@@ -180,8 +177,8 @@ pub(crate) unsafe fn scatter<T: Plain>(
     Ok(())
 }
 
-/// A structure of the caller, as of any version: what an older one lacks is 0, and what a newer one has more
-/// must be.
+/// Reads a structure of the caller, of any version: fields that an older one lacks become 0, and additional fields of a
+/// newer one must be 0.
 ///
 /// # Safety
 /// `from` is null or leads to memory with as many bytes as its `struct_size` says.
@@ -199,24 +196,24 @@ pub(crate) unsafe fn structure<T: Versioned>(from: *const T, what: &str) -> Resu
     let mut value = MaybeUninit::<T>::zeroed();
     // SAFETY: both have at least `known` bytes, and `value` is new.
     unsafe { from.copy_to_nonoverlapping(value.as_mut_ptr().cast(), known) };
-    // SAFETY: zeros are a value, and so are the caller's bytes in their place: the fields are numbers and pointers.
+    // SAFETY: zeros and the caller's bytes are valid values: the fields are numbers and pointers.
     Ok(unsafe { value.assume_init() })
 }
 
-/// The same; null stands for zeros.
+/// As `structure`, but returns zeros for null.
 ///
 /// # Safety
 /// As for `structure`.
 pub(crate) unsafe fn optional<T: Versioned>(from: *const T, what: &str) -> Result<T> {
     if from.is_null() {
-        // SAFETY: zeros are a value.
+        // SAFETY: zeros are a valid value.
         return Ok(unsafe { MaybeUninit::zeroed().assume_init() });
     }
     // SAFETY: the caller's promise.
     unsafe { structure(from, what) }
 }
 
-/// Fills a structure of the caller, of whatever version, after its `struct_size`.
+/// Fills a structure of the caller, of any version, after its `struct_size`.
 ///
 /// # Safety
 /// `to` is null or leads to memory with as many bytes as its `struct_size` says, which nobody else uses
@@ -236,7 +233,7 @@ pub(crate) unsafe fn fill<T: Versioned>(to: *mut T, value: &T, what: &str) -> Re
     Ok(())
 }
 
-/// The size of a structure.
+/// Reads and checks the size of a structure.
 ///
 /// # Safety
 /// `structure` is null or leads to memory for at least its `struct_size`.
@@ -253,7 +250,7 @@ unsafe fn struct_size<T: Versioned>(structure: *const T, what: &str) -> Result<u
     Err(Error::argument(message).with_hint("set it to `sizeof` the structure"))
 }
 
-/// Writes a value of the caller.
+/// Writes a value to the caller's memory.
 ///
 /// # Safety
 /// `to` is null or leads to memory for a `T`, which nobody else uses meanwhile.
@@ -264,17 +261,17 @@ pub(crate) unsafe fn put<T: Copy>(to: *mut T, value: T, what: &str) -> Result<()
     Ok(())
 }
 
-/// A text of the caller.
+/// Reads a text of the caller.
 ///
 /// # Safety
-/// `from` is null or leads to bytes that end with a zero.
+/// `from` is null or leads to null-terminated bytes.
 pub(crate) unsafe fn text(from: *const c_char, what: &str) -> Result<String> {
     // SAFETY: the caller's promise.
     let bytes = unsafe { string(from, what) }?;
     String::from_utf8(bytes).map_err(|_| Error::argument(format!("`{what}` is not UTF-8")))
 }
 
-/// The name of a file: any bytes on Unix, otherwise UTF-8.
+/// Reads a path: any bytes on Unix, otherwise UTF-8.
 ///
 /// # Safety
 /// As for `text`.

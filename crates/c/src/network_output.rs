@@ -1,4 +1,4 @@
-//! The input of a network that another program runs, and its output.
+//! Input and output of a network that another program runs.
 
 use crate::completer::{COMPLETERS, lsdc_completer};
 use crate::error::{Error, Result, guard};
@@ -7,18 +7,18 @@ use crate::memory::{self, RowLayout, Versioned};
 use crate::status::lsdc_status;
 use lsdc_core::NetworkOutput;
 
-/// Basis functions and affinities of an image that another program computed, such as ONNX Runtime with the graph of `lsdc
-/// weights export`. Set `struct_size` to `sizeof(lsdc_network_output)`.
+/// Basis functions and affinities of an image, computed by another program, such as ONNX Runtime with the graph of
+/// `lsdc weights export`. Set `struct_size` to `sizeof(lsdc_network_output)`.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct lsdc_network_output {
     /// `sizeof(lsdc_network_output)`.
     pub struct_size: usize,
-    /// `functions` maps of `height` rows of `width` values, without gaps: the output `basis` of the graph.
+    /// The output `basis` of the graph: `functions` maps of `height` rows of `width` values, without gaps.
     pub basis: *const f32,
-    /// Two such maps, of each pixel with its right and its lower neighbour: the output `affinities`. Not negative.
+    /// The output `affinities`: two such maps, of each pixel with its right and its lower neighbour. Not negative.
     pub affinities: *const f32,
-    /// Number of basis functions: that of the weights of the completer.
+    /// Number of basis functions, which must match the completer's weights.
     pub functions: usize,
     /// Number of columns.
     pub width: usize,
@@ -31,7 +31,7 @@ unsafe impl Versioned for lsdc_network_output {
     const LEAST: usize = size_of::<Self>();
 }
 
-/// Writes the size of the network's input for an image of `image_width` columns and `image_height` rows.
+/// Writes the size of the network input for an image of `image_width` columns and `image_height` rows.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_network_size(
     completer: *const lsdc_completer,
@@ -55,9 +55,9 @@ pub unsafe extern "C" fn lsdc_completer_network_size(
     })
 }
 
-/// Writes an image as the graph of `lsdc weights export` reads it: maps of red, green and blue from 0 to 1, without gaps,
-/// each of the size that `lsdc_completer_network_size` writes. `size` is the number of bytes from `values` to the end of the
-/// buffer. If the call fails, the buffer is unchanged.
+/// Writes an image as input of the graph of `lsdc weights export`: maps of red, green and blue from 0 to 1, without
+/// gaps, each of the size from `lsdc_completer_network_size`. `size` is the number of bytes from `values` to the end of
+/// the buffer. If the call fails, the buffer is unchanged.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_network_input(
     completer: *const lsdc_completer,

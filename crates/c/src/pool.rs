@@ -1,22 +1,22 @@
-//! Threads.
+//! Thread pools of completers.
 
 use crate::error::{Error, Result};
 use lsdc_core::thread_pool;
 use rayon::ThreadPool;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// The threads of a completer, and the process in which they are: a fork has none of them.
+/// The threads of a completer, and the id of their process: a forked process has no threads of its parent.
 #[derive(Clone)]
 pub(crate) struct Pool {
     pub(crate) threads: Arc<ThreadPool>,
     process: u32,
 }
 
-/// The threads that completers share as long as one does, and their process.
+/// The threads shared by completers, which exist as long as one uses them, and their process.
 static SHARED: Mutex<(Weak<ThreadPool>, u32)> = Mutex::new((Weak::new(), 0));
 
 impl Pool {
-    /// A pool of `threads` threads; the shared one, with a thread per core, if that is 0.
+    /// Creates a pool of `threads` threads; 0 returns the shared pool with a thread per core.
     pub(crate) fn new(threads: usize) -> Result<Self> {
         let process = std::process::id();
         if threads > 0 {
@@ -33,7 +33,7 @@ impl Pool {
     }
 }
 
-/// A value, and the threads that work on it.
+/// A value and the threads that work on it.
 #[derive(Clone)]
 pub(crate) struct Pooled<T> {
     pub(crate) value: T,
@@ -43,7 +43,7 @@ pub(crate) struct Pooled<T> {
 impl<T: Sync> Pooled<T> {
     /// Runs `work` on the pool.
     pub(crate) fn run<R: Send>(&self, work: impl FnOnce(&T) -> Result<R> + Send) -> Result<R> {
-        // Nobody would do it.
+        // No thread would run it.
         if self.pool.process != std::process::id() {
             return Err(Error::forked());
         }

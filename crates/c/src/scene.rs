@@ -1,4 +1,4 @@
-//! Scenes: what the network makes of an image, ready for any points.
+//! Scenes: the output of the network for an image, ready to be fitted to points.
 
 use crate::completer::{COMPLETERS, lsdc_completer};
 use crate::completion::{COMPLETIONS, StoredCompletion, lsdc_completion};
@@ -14,7 +14,7 @@ use crate::pool::Pooled;
 use crate::status::lsdc_status;
 use lsdc_core::{Observations, Scene};
 
-/// Everything that depends on an image alone: the network ran once, each set of points costs a fit.
+/// Everything that depends only on an image: the network has run, and each set of points needs only a fit.
 pub struct lsdc_scene {
     _opaque: [u8; 0],
 }
@@ -27,15 +27,15 @@ pub(crate) static SCENES: Handles<lsdc_scene, Pooled<Scene>> = Handles::new("sce
 pub struct lsdc_scene_options {
     /// `sizeof(lsdc_scene_options)`.
     pub struct_size: usize,
-    /// A dense prediction of the depth of the image by other means, of any size, or null. Unit, scale and
-    /// shift need not be known; NaN marks gaps. Null is that of the depth head of "anything" if it is installed.
+    /// A dense depth prediction for the image from another source, of any size, or null. Unit, scale and shift need
+    /// not be known; NaN marks gaps. Null means the prediction of the depth head of "anything", if it is installed.
     pub guide: *const lsdc_map,
-    /// What its values mean.
+    /// Quantity of the guide's values.
     pub guide_kind: lsdc_guide_kind,
     /// 0.
     pub reserved: u32,
-    /// The output of the network on this image, computed by another program, or null: the network is run. Any size is
-    /// possible, at which a fit with a field is solved. Points between its pixels read functions that are interpolated.
+    /// The output of the network for this image, computed by another program, or null to run the network. Any size is
+    /// possible; a fit with a field is solved at this size. Functions are interpolated at points between its pixels.
     pub output: *const lsdc_network_output,
 }
 
@@ -50,7 +50,7 @@ unsafe impl Versioned for lsdc_scene_options {
 pub struct lsdc_complete_options {
     /// `sizeof(lsdc_complete_options)`.
     pub struct_size: usize,
-    /// The completion of the previous frame of a video, towards which this one is drawn, or null. Both need
+    /// The completion of the previous frame of a video, which regularises this one, or null. Both must come from
     /// completers with the same weights and fit.
     pub previous: *const lsdc_completion,
 }
@@ -106,7 +106,7 @@ pub unsafe extern "C" fn lsdc_scene_create(
     })
 }
 
-/// The size of the image of a scene.
+/// Writes the size of the image of a scene.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_size(
     scene: *const lsdc_scene,
@@ -126,7 +126,7 @@ pub unsafe extern "C" fn lsdc_scene_size(
     })
 }
 
-/// Fits the scene to points. They are not needed afterwards. Points outside the image, and those whose depth
+/// Fits the scene to points, which are not needed afterwards. Points outside the image, and points whose depth
 /// is not from 1e-15 to 1e15, are left out and counted in the report. `options` may be null.
 /// `*completion` becomes a handle to be freed with `lsdc_completion_free`, or null if the call fails.
 #[unsafe(no_mangle)]
@@ -143,11 +143,9 @@ pub unsafe extern "C" fn lsdc_scene_complete(
 }
 
 /// Fits the scene to a map of the size of its image, where 0 means no measurement. NaN, infinite and negative
-/// values, and marks of no measurement (65535 of 16 bits, if no other value is near it), are left out and counted in the
-/// report, as invalid. The points are the pixels that are not 0, row
-/// by row. `sigma` is a map of the standard deviations of the depths, not positive and finite where
-/// they are unknown (0, NaN), or null.
-/// Otherwise as `lsdc_scene_complete`.
+/// values, and 65535 in 16 bits if no other value is near it, are left out and counted in the report as invalid. The
+/// points are the pixels that are not 0, row by row. `sigma` is a map of the standard deviations of the depths, or
+/// null; values that are not positive and finite mean unknown. Otherwise as `lsdc_scene_complete`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_complete_map(
     scene: *const lsdc_scene,
@@ -167,8 +165,8 @@ pub unsafe extern "C" fn lsdc_scene_complete_map(
     guard(|| unsafe { complete(scene, points, options, completion) })
 }
 
-/// Frees a scene; null is ignored. Its completions, and calls that use it at this moment, are not affected. A
-/// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
+/// Frees a scene; null is ignored. Its completions, and calls in progress, are not affected. A handle that was
+/// freed before gives `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_scene_free(scene: *mut lsdc_scene) -> lsdc_status {
     guard(|| SCENES.free(scene))

@@ -1,4 +1,4 @@
-// What the tests share. They are C11 and C++17 alike.
+// Shared by the tests, which are valid C11 and C++17.
 
 #ifndef CHECK_H
 #define CHECK_H
@@ -20,7 +20,7 @@
 
 #define OK(call) CHECK((call) == LSDC_OK)
 
-// A call that fails with this status and a message that contains this text.
+// Checks that a call fails with this status and a message that contains this text.
 #define FAILS(status, text, call)                                                                            \
     do {                                                                                                     \
         CHECK((call) == (status));                                                                           \
@@ -39,7 +39,7 @@ static inline uint64_t next_random(uint64_t *state) {
 
 static inline double uniform(uint64_t *state) { return (double)(next_random(state) >> 11) * 0x1p-53; }
 
-// Two walls, with noise.
+// Paints two walls with noise.
 static inline void paint(uint8_t *rgb, size_t width, size_t height, uint64_t seed) {
     for (size_t i = 0; i < 3 * width * height; ++i) {
         rgb[i] = (uint8_t)((i / 3 % width < width / 2 ? 60 : 160) + next_random(&seed) % 20);
@@ -81,7 +81,7 @@ static inline lsdc_points points_of(const double *x, const double *y, const floa
     return points;
 }
 
-// Settings for which a network is done in milliseconds.
+// Settings with which the network runs in milliseconds.
 static inline lsdc_completer_options quick(void) {
     lsdc_completer_options options;
     memset(&options, 0, sizeof options);

@@ -1,4 +1,4 @@
-// Every way in which making something can fail, and structures of older and newer versions.
+// All errors of functions that create handles, and structures of older and newer versions.
 //
 //     errors FOLDER      in which it may write
 
@@ -21,7 +21,7 @@ static void completers(const char *folder) {
     CHECK(made == NULL);
     FAILS(LSDC_ERROR_WEIGHTS, "no weights named `huge`", lsdc_completer_create("huge", &options, &made));
     CHECK(strstr(lsdc_last_hint(), "\"default\"") != NULL);
-    // Its encoder is installed apart.
+    // The encoder of these weights is installed separately.
     setenv("LSDC_WEIGHTS", "nowhere", 1);
     FAILS(LSDC_ERROR_WEIGHTS, "the encoder of Depth Anything V2 Small (ViT-S/14), which is not in `nowhere`",
           lsdc_completer_create("anything", &options, &made));
@@ -65,7 +65,7 @@ static void completers(const char *folder) {
     CHECK(made == NULL);
 }
 
-// The structure of a program that was compiled with a header of another time.
+// The structure of a program compiled with a newer header.
 struct newer_options {
     lsdc_completer_options known;
     uint64_t unknown;
@@ -88,7 +88,7 @@ static void sizes_of_structures(void) {
         FAILS(LSDC_ERROR_ARGUMENT, "struct_size", lsdc_completer_create("small", &options, &made));
         CHECK(strstr(lsdc_last_hint(), "sizeof") != NULL);
     }
-    // Older: what comes later in memory is not read, as it would be refused.
+    // An older structure: the invalid values after its end are not read.
     options = quick();
     options.fit = options.robust = 77;
     options.struct_size = offsetof(lsdc_completer_options, fit);
@@ -158,7 +158,7 @@ static void handles(void) {
     OK(lsdc_completer_free(NULL));
     OK(lsdc_completion_free(NULL));
 
-    // What was made with a handle outlives it.
+    // Objects created with a handle outlive it.
     lsdc_completer_options options = quick();
     lsdc_completer *short_lived;
     OK(lsdc_completer_create("small", &options, &short_lived));
@@ -252,7 +252,7 @@ static void guides(void) {
     CHECK(report.guide_trust >= 0.0);
     OK(lsdc_completion_free(guided));
     OK(lsdc_scene_free(made));
-    // A guide without a network.
+    // A completer without a network needs a guide.
     lsdc_completer_options settings = quick();
     lsdc_completer *alone;
     OK(lsdc_completer_create("none", &settings, &alone));
@@ -370,10 +370,10 @@ static void points(void) {
     some = points_of(unknown, ys, depths, 5);
     expect_points(LSDC_ERROR_FIT, "5 have no depth", &some);
 
-    // What is left out is counted, and NaN in what is told of each point.
+    // Points that are left out are counted, and have NaN as results.
     const float mixed[] = {2.0f, NAN, 2.5f, 3.0f, 2.0f, 2.2f, 2.4f};
     const double across[] = {5.0, 6.0, -9.0, 30.0, 8.0, 20.0, 40.0}, down[] = {5.0, 6.0, 7.0, 8.0, 30.0, 20.0, 25.0};
-    // One that is not positive and finite is unknown.
+    // Standard deviations that are not positive and finite are unknown.
     const float known[] = {0.1f, 0.1f, 0.1f, 0.0f, -0.1f, NAN, INFINITY};
     double residuals[7];
     some = points_of(across, down, mixed, 7);
@@ -389,7 +389,7 @@ static void points(void) {
     CHECK(isfinite(residuals[0]) && isnan(residuals[1]) && isnan(residuals[2]) && isfinite(residuals[3]));
     OK(lsdc_completion_free(few));
 
-    // There is no fit without the only point.
+    // The only point has no leave-one-out error.
     double error;
     some = points_of(across, down, mixed, 1);
     OK(lsdc_scene_complete(scene, &some, NULL, &few));
@@ -438,7 +438,7 @@ static void maps(void) {
     map = map_of(dense, WIDTH, HEIGHT);
     expect_map(LSDC_ERROR_FIT, "there is no sparse depth", &map, NULL);
 
-    // NaN and negative values are no measurements, which is said.
+    // NaN and negative values are no measurements, and are reported.
     memcpy(dense, sparse, sizeof dense);
     dense[1] = NAN;
     dense[2] = -1.0f;
@@ -464,7 +464,7 @@ static void previous_frames(void) {
     options.struct_size = 3;
     FAILS(LSDC_ERROR_ARGUMENT, "`options->struct_size` is 3", lsdc_scene_complete(scene, &some, &options, &next));
 
-    // A field alone has no weights to be near to.
+    // A field alone has no weights that a previous completion could regularise.
     lsdc_completer_options field = quick();
     field.fit = LSDC_FIT_FIELD;
     lsdc_completer *other;

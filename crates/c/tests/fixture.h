@@ -1,4 +1,4 @@
-// A completion, and what it was made from.
+// A completion and its inputs.
 
 #ifndef FIXTURE_H
 #define FIXTURE_H

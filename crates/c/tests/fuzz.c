@@ -1,10 +1,9 @@
-// Random arguments: nulls, sizes, strides, formats, values, handles that live, were freed or never were.
-// Whatever comes, a call returns a status, and the library can go on. To be run under sanitizers and valgrind.
+// Random arguments: nulls, sizes, strides, formats, values, and handles that are live, freed or invalid. Every call returns a
+// status, and the library remains usable. To be run under sanitizers and valgrind.
 //
 //     fuzz CALLS SEED
 //
-// Only one promise is kept: that a buffer is as long as its size says. Each is allocated anew with just that
-// length.
+// Only one promise is kept: a buffer is as long as its declared size. Each buffer is allocated with exactly that length.
 
 #include "check.h"
 
@@ -26,7 +25,7 @@ static double number(void) {
     return once_in(6) ? values[below(11)] : 1.0 + 3.0 * uniform(&state);
 }
 
-// Handles of one kind, among them freed ones.
+// Handles of one kind, including freed ones.
 struct handles {
     void *all[KEPT];
 };
@@ -38,7 +37,7 @@ static void *any(struct handles *handles) {
     return handles->all[below(KEPT)];
 }
 
-// A call that makes a handle, which takes the place of another one.
+// Keeps the handle created by a call in the place of another one.
 static lsdc_status made(lsdc_status status, void *handle, struct handles *handles,
                         lsdc_status (*release)(void *)) {
     CHECK((status == LSDC_OK) == (handle != NULL));
@@ -66,7 +65,7 @@ static void spoil(size_t *field) {
     if (once_in(25)) *field = extreme();
 }
 
-// As `spoil`, for what goes on to cost time and memory: what is large is too large for any buffer.
+// As `spoil`, for sizes that determine time and memory: large values are too large for any buffer.
 static void spoil_side(size_t *field) {
     spoil(field);
     if (*field > 64 && *field < 1 << 20) *field %= 64;
@@ -78,13 +77,13 @@ static lsdc_status create_completer(void) {
     lsdc_completer_options options = quick();
     options.struct_size = struct_size(sizeof options);
     options.threads = below(3);
-    // A process has only so many threads.
+    // More threads than a process can have.
     if (once_in(10)) options.threads = SIZE_MAX - below(100);
     if (once_in(10)) options.working_width = below(40);
     if (once_in(10)) options.working_height = SIZE_MAX - below(100);
     options.fit = (lsdc_fit)below(5);
     options.robust = (lsdc_robust)below(9);
-    // Without options, images have the size of training.
+    // Without options, images would be resized to the large size of training.
     if (options.struct_size < sizeof options) options.struct_size = 0;
     uint8_t garbage[64];
     for (size_t i = 0; i < sizeof garbage; ++i) garbage[i] = (uint8_t)below(256);
@@ -105,7 +104,7 @@ static void fill_floats(float *values, size_t count) {
     for (size_t i = 0; i < count; ++i) values[i] = once_in(3) ? (float)number() : 0.0f;
 }
 
-// A map of a size that a scene may have. What `*memory` holds is to be freed.
+// A map of a size that a scene may have. The caller frees `*memory`.
 static lsdc_map random_map(size_t width, size_t height, void **memory) {
     lsdc_map map = map_of(NULL, width, height);
     map.format = (lsdc_depth_format)below(2);
@@ -130,7 +129,7 @@ static lsdc_map random_map(size_t width, size_t height, void **memory) {
     return map;
 }
 
-// The output of a network for "small" or "none"; its maps are to be freed.
+// The output of a network for "small" or "none". The caller frees its maps.
 static lsdc_network_output random_output(void) {
     lsdc_network_output output;
     memset(&output, 0, sizeof output);
@@ -144,7 +143,7 @@ static lsdc_network_output random_output(void) {
     for (size_t i = 0; i < 2 * pixels; ++i) affinities[i] = (float)(once_in(1000) ? number() : uniform(&state));
     output.basis = basis;
     output.affinities = affinities;
-    // Larger ones must be too large for any memory.
+    // Larger values must be too large for any memory.
     if (once_in(30)) output.functions = SIZE_MAX / 2;
     if (once_in(30)) output.width = SIZE_MAX - below(100);
     if (once_in(30)) output.height = 0;
@@ -245,7 +244,7 @@ static lsdc_status complete(void) {
     points.y = once_in(30) ? NULL : (const double *)(void *)arrays[1];
     points.depth = once_in(30) ? NULL : (const float *)(void *)arrays[2];
     points.sigma = once_in(2) ? NULL : (const float *)(void *)arrays[3];
-    // Shorter strides stay within the arrays, and longer ones must be too long for any.
+    // Shorter strides stay within the arrays; longer ones must be too long for any memory.
     if (once_in(20)) points.stride = once_in(2) ? below(8) : SIZE_MAX - below(1000);
     if (once_in(20)) points.count = SIZE_MAX - below(1000);
     lsdc_complete_options options = random_options();
@@ -355,7 +354,7 @@ int main(int count, char **arguments) {
     }
     for (uint64_t i = 0; i < calls; ++i) {
         lsdc_status status = once_in(20) ? create_completer() : once_in(20) ? release() : all[below(9)]();
-        // An error in the library itself, or a status that it does not have.
+        // Neither an internal error nor an unknown status.
         CHECK(status >= LSDC_OK && status < INTERNAL);
         CHECK(status == LSDC_OK || *lsdc_last_error() != '\0');
         statuses[status] += 1;
@@ -368,7 +367,7 @@ int main(int count, char **arguments) {
     printf("fuzz: %llu calls, by status:", (unsigned long long)calls);
     for (int i = 0; i < INTERNAL; ++i) printf(" %llu", (unsigned long long)statuses[i]);
     puts("");
-    // All but a lack of memory are met.
+    // All statuses occur except a lack of memory.
     for (int i = LSDC_OK; calls >= 1000 && i <= LSDC_ERROR_FIT; ++i) CHECK(statuses[i] > 0);
     return EXIT_SUCCESS;
 }

@@ -1,5 +1,5 @@
-// The memory of a completion on a small machine: 640x480 pixels, 500 points, the weights "small", 4 threads. Further images,
-// each freed before the next, find the memory of the first in pieces, and need somewhat more.
+// Memory of a completion on a small machine: 640x480 pixels, 500 points, the weights "small", 4 threads. Further images, each
+// freed before the next, need somewhat more because of fragmentation.
 
 #include "check.h"
 #include <sys/resource.h>
@@ -10,7 +10,7 @@ static uint8_t pixels[3 * W * H];
 static double x[COUNT], y[COUNT];
 static float z[COUNT], depth[W * H];
 
-// The peak of this process so far.
+// Peak memory of this process so far.
 static double megabytes(void) {
     struct rusage usage;
     CHECK(getrusage(RUSAGE_SELF, &usage) == 0);

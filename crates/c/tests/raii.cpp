@@ -1,5 +1,4 @@
-// lsdc.hpp: the same bits as the interface in C, exceptions, ownership, and views of matrices that only look
-// like cv::Mat.
+// lsdc.hpp: the same bits as the C interface, exceptions, ownership, and views of matrices with the members of cv::Mat.
 
 #include "check.h"
 #include <lsdc.hpp>
@@ -7,7 +6,7 @@
 
 namespace {
 
-// What lsdc.hpp asks of a matrix.
+// The members that lsdc.hpp requires of a matrix.
 struct Matrix {
     int rows = 0, cols = 0;
     std::uint8_t *data = nullptr;
@@ -64,7 +63,7 @@ int main(int count, char **arguments) {
     lsdc::Map depth = completion.depth();
     CHECK(depth.rows == HEIGHT && depth.cols == WIDTH && depth.values.size() == PIXELS);
 
-    // The interface in C, a map of metres and one of millimetres, and a matrix of blue, green and red.
+    // The C interface, maps in metres and millimetres, and a matrix of blue, green and red give the same depth.
     std::vector<float> same(PIXELS);
     OK(lsdc_completion_depth(completion.handle(), WIDTH, HEIGHT, same.data(), 4 * PIXELS, 0));
     CHECK(same == depth.values);
@@ -77,7 +76,7 @@ int main(int count, char **arguments) {
     CHECK(scene.complete(lsdc::Depths(shorts, 0.001)).depth().values == depth.values);
     CHECK(scene.complete(map, lsdc::Depths(map)).report().without_deviation == 0);
 
-    // Into a part of a matrix.
+    // Results written into a part of a matrix.
     std::vector<float> wide(2 * PIXELS, -1.0F);
     Matrix part{HEIGHT, WIDTH, reinterpret_cast<std::uint8_t *>(wide.data()), 8 * WIDTH, FLOATS, 1};
     completion.depth(part);
@@ -103,7 +102,7 @@ int main(int count, char **arguments) {
     lsdc::NetworkOutput output{functions.data(), pairs.data(), 65, input.rows, input.cols};
     CHECK(completer.scene(image, output).complete(map).report().used == points.size());
 
-    // What cannot be is an exception, with its hint.
+    // Errors are exceptions with hints.
     throws(LSDC_ERROR_WEIGHTS, "no weights named `huge`", [] { lsdc::Completer("huge"); });
     throws(LSDC_ERROR_WEIGHTS, arguments[1], [&] { lsdc::Completer::from_file(arguments[1]); });
     throws(LSDC_ERROR_WEIGHTS, "safetensors", [&] { lsdc::Completer::from_memory(rgb.data(), rgb.size()); });
@@ -130,7 +129,7 @@ int main(int count, char **arguments) {
     } catch (const std::out_of_range &) {
     }
 
-    // Moved from, there is no handle; moved to, it lives on, in another thread too.
+    // A moved-from object has no handle; the target can be used, also in another thread.
     lsdc::Completion moved = std::move(completion);
     throws(LSDC_ERROR_ARGUMENT, "`completion` is null", [&] { completion.depth(); });
     completion = std::move(moved);

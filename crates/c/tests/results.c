@@ -1,4 +1,4 @@
-// What is read from a completion: every way in which that can fail, and the same bits whatever the layout.
+// Results of a completion: all errors of reading them, and the same bits for any layout.
 
 #include "fixture.h"
 
@@ -20,7 +20,7 @@ static void maps_and_points(void) {
     }
     for (int i = 0; i < PIXELS; ++i) CHECK(dense[i] == -5.0f);
 
-    // Rows apart by an odd number of bytes, from an odd address: the same bits, and nothing between them.
+    // Rows an odd number of bytes apart, from an odd address, get the same bits; the gaps are unchanged.
     enum { STRIDE = 4 * WIDTH + 3 };
     static uint8_t odd[1 + STRIDE * HEIGHT];
     memset(odd, 0xa5, sizeof odd);
@@ -129,7 +129,7 @@ static void layouts(void) {
     OK(lsdc_completion_free(made));
     OK(lsdc_scene_free(other));
 
-    // Millimetres in 16 bits, and metres in floats.
+    // Millimetres in 16 bits and metres in floats.
     static uint16_t millimetres[PIXELS];
     for (int i = 0; i < PIXELS; ++i) millimetres[i] = (uint16_t)(1000.0f * sparse[i]);
     lsdc_map metres = map_of(sparse, WIDTH, HEIGHT), integers = map_of(NULL, WIDTH, HEIGHT);
@@ -145,7 +145,7 @@ static void layouts(void) {
     CHECK(memcmp(dense, expected, sizeof dense) == 0);
     OK(lsdc_completion_free(made));
 
-    // Holes that are marked by the largest number are none of the depths.
+    // Holes marked by the largest number are not depths.
     size_t marked = 0;
     for (int i = 0; i < PIXELS; ++i) {
         if (millimetres[i] == 0 && i % 3 == 0) {
@@ -165,7 +165,7 @@ static void layouts(void) {
 }
 
 static void alignment(void) {
-    // Away from the border, on a wider image than that of the fixture, so that shifts stay inside.
+    // Points away from the border of an image larger than the fixture's, so that shifted points stay inside.
     enum { W = 8 * WIDTH, H = 8 * HEIGHT, COUNT = 300 };
     static uint8_t colours[3 * W * H];
     static double x[COUNT], y[COUNT];
@@ -208,7 +208,7 @@ static void alignment(void) {
     OK(lsdc_scene_free(wide));
 }
 
-// A network elsewhere: the colours that it reads, and two levels of depth, found exactly.
+// A network run by another program: its input, and two levels of depth, fitted exactly.
 static void network_output(void) {
     size_t width, height;
     lsdc_completer_options options = quick();
@@ -240,7 +240,7 @@ static void network_output(void) {
     memset(&settings, 0, sizeof settings);
     settings.struct_size = sizeof settings;
     settings.output = &output;
-    // At pixel centres, 2 m on the left and 3 m on the right: the function times two.
+    // At pixel centres, 2 m on the left and 3 m on the right: twice the function.
     lsdc_map map = map_of(sparse, WIDTH, HEIGHT);
     lsdc_scene *other;
     lsdc_completion *made;

@@ -1,5 +1,5 @@
-// One completer, one scene and one completion, used by eight threads at once: the bits of one thread, errors of
-// each thread for itself, handles that are freed in the middle of it, and a fork.
+// A completer, a scene and a completion used by eight threads at once: the same bits as with one thread, errors per thread,
+// handles freed concurrently, and a fork.
 
 #define _POSIX_C_SOURCE 200809L
 
@@ -59,7 +59,7 @@ static void *work(void *argument) {
         lsdc_completion *own = completed(which);
         check_results(own, which);
         OK(lsdc_completion_free(own));
-        // The same scene, and what is computed on request and kept.
+        // A new completion of the shared scene, and the shared completion, whose results are computed on request and cached.
         lsdc_points points = points_of(xs, ys, depths, COUNT);
         OK(lsdc_scene_complete(scene, &points, NULL, &own));
         check_results(own, 0);
@@ -70,7 +70,7 @@ static void *work(void *argument) {
     return NULL;
 }
 
-// Handles that every thread uses and frees: one of them succeeds, the others are told.
+// Handles that every thread uses and frees: one thread succeeds, the others get an error.
 static lsdc_completion *shared[ROUNDS];
 static int freed[THREADS];
 
@@ -88,7 +88,7 @@ static void *compete(void *argument) {
     return NULL;
 }
 
-// A child has none of the threads of its parent, and can start its own.
+// A child process has no threads of its parent, and can start its own.
 static void fork_away(lsdc_completer_options options) {
     pid_t child = fork();
     CHECK(child >= 0);
@@ -125,7 +125,7 @@ int main(void) {
         ys[i] = uniform(&random) * (HEIGHT - 1);
         depths[i] = (float)(2.0 + xs[i] / WIDTH + 0.1 * uniform(&random));
     }
-    // What one thread finds.
+    // The results with one thread.
     lsdc_completer_options options = quick();
     options.threads = 1;
     OK(lsdc_completer_create("small", &options, &completer));

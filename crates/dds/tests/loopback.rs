@@ -6,7 +6,7 @@ use lsdc_dds::{Error, Participant, Qos, Settings};
 
 const IMAGE: &str = "sensor_msgs/msg/Image";
 const PATIENCE: Duration = Duration::from_mins(1);
-/// One that no other program of the machine should have.
+/// A domain that no other program on the machine should use.
 const DOMAIN: u32 = 213;
 
 fn participant(node: &str) -> Participant {
@@ -18,7 +18,7 @@ fn participant(node: &str) -> Participant {
     Participant::new(DOMAIN, settings).expect("a participant")
 }
 
-/// A depth image goes there and comes back, both of 1.2 MB.
+/// Sends depth images of 1.2 MB there and back.
 #[test]
 fn messages_arrive_unchanged_and_come_back() {
     let (here, there) = (participant("here"), participant("there"));

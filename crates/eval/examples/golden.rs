@@ -1,10 +1,10 @@
-//! Prints the largest differences of completions on this platform, whichever it is, from the golden ones, without training:
+//! Prints the largest differences of completions on this platform from the golden ones, without training:
 //!
 //!     cargo run --release -p lsdc-eval --example golden             compares, and fails beyond the tolerance
 //!     cargo run --release -p lsdc-eval --example golden -- FOLDER   also writes the inputs, for crates/wasm/npm/tests/golden.mjs
 //!
-//! Differences are shares of the range of depths, for the golden depths, standard deviations and leave-one-out errors of the
 //! Differences are relative to the range of depths, for the golden depths, standard deviations and leave-one-out errors of the
+//! default settings, and all results ([platforms](../../../docs/platforms.md)). `LSDC_SIMD` chooses the instruction set.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 

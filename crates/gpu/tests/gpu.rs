@@ -1,4 +1,4 @@
-//! The network on a GPU against that on the CPU, and what a completion launches and transfers.
+//! Compares the network on a GPU with the CPU, and checks the launches and transfers of a completion.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 #[path = "../../../tests/depth_anything/mod.rs"]
@@ -15,7 +15,7 @@ use lsdc_rng::Rng;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The best GPU, or a software driver in its place.
+/// Returns the best GPU, or a software driver; `None` if there is neither.
 fn gpu() -> Option<Gpu> {
     let gpu = Gpu::open(Adapter::Best).ok();
     if gpu.is_none() {
@@ -33,7 +33,7 @@ fn random(count: usize, name: &str) -> Vec<f32> {
     (0..count).map(|_| rng.normal()).collect()
 }
 
-/// The largest difference over the largest value.
+/// Returns the largest difference relative to the largest value.
 fn off(found: &[f32], expected: &[f32]) -> f32 {
     assert_eq!(found.len(), expected.len());
     let scale = expected.iter().fold(1e-30, |m: f32, v| m.max(v.abs()));
@@ -117,7 +117,7 @@ fn anything() -> (Weights, EncoderConfig, BTreeMap<String, Tensor>) {
         ..EncoderConfig::small()
     };
     let mut tensors = encoder_weights_of(&config);
-    // Scores of attention of about 1, as after training: with larger ones, tokens depend on the last bits of those before.
+    // Attention scores of about 1, as after training: larger scores would amplify rounding errors from block to block.
     for tensor in tensors.values_mut() {
         if let [_, inputs] = *tensor.shape() {
             let scale = 2.0 / (inputs as f32).sqrt();
@@ -157,17 +157,17 @@ fn a_network_on_an_encoder_agrees_with_its_guide() {
     assert_eq!(image, (14 * features.rows, 14 * features.columns));
     let difference = off(&found, &expected);
     assert!(difference < 1e-4, "guide: {difference:.1e}");
-    // Read once, as by a scene.
+    // The depths can be read once, as by a scene.
     assert!(forward.published_depths().is_none());
 
-    // The image, and the same in whole patches; the head and its guide.
+    // Uploads: the image, and the image resized to whole patches. Readback: the guide.
     let parts = gpu.traffic();
     let part = Part::Network as usize;
     let traffic = parts[part].1 - before[part].1;
     assert_eq!((traffic.uploads, traffic.readbacks), (2, 1));
     assert_eq!(traffic.submissions, 3);
-    // 68 of the network and 54 of the head; the embedding, five for each block, and the features. The published encoder has
-    // eight blocks more: 62 launches.
+    // 68 for the network and 54 for the head; the embedding, five for each block, and the features. The published encoder has
+    // eight more blocks: 62 launches.
     assert!(traffic.launches <= 68 + 54 + (1 + 5 * 4 + 1), "{traffic:?}");
     assert_eq!(
         parts[Part::Preparation as usize],
@@ -233,7 +233,7 @@ fn images_are_in_flight_until_they_are_waited_for() {
     assert_eq!(gpu.most_in_flight(), 3);
 }
 
-/// An image with edges, and points on a slope.
+/// Returns an image with edges, and points on a slope.
 fn scene((height, width): (usize, usize)) -> (Vec<u8>, Observations) {
     let colour = |i: usize| {
         let (pixel, channel) = (i / 3, i % 3);
@@ -279,18 +279,18 @@ fn a_completion_agrees_and_is_within_its_budget() {
         if run == 0 {
             continue;
         }
-        // Nothing that depends on the size alone is done twice.
+        // Preparation that depends only on the size is not repeated.
         assert_eq!(parts[Part::Preparation as usize].1, Traffic::default());
         let all: Traffic = parts.into_iter().map(|(_, traffic)| traffic).sum();
         assert!(all.launches <= 120, "{parts:?}");
         assert!(all.uploads <= 3, "{parts:?}");
         assert!(all.readbacks <= 3, "{parts:?}");
-        // The image in quads of f32, places with 24 values, and weights.
+        // The image as four f32 per pixel, places with 24 values, and weights.
         assert!(
             all.bytes_up < 16 * 60 * 80 + 300 * 4 * 24 * 4 + 4096,
             "{parts:?}"
         );
-        // Affinities, functions of at most four pixels for each point, and the map.
+        // Affinities, basis functions at up to four pixels per point, and the map.
         let functions = 4 * 300 * (weights.network.bases as u64 + 1);
         assert!(all.bytes_down <= 4 * (3 * 60 * 80 + functions), "{parts:?}");
     }

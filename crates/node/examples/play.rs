@@ -1,4 +1,4 @@
-//! A node within the process, and a recording that is played to it at its own pace. With a port, Foxglove shows it.
+//! Plays a recording in real time to a node in the same process. With a port, Foxglove can show the topics.
 //!
 //!     cargo run --release -p lsdc-node --features foxglove --example play -- drive.mcap [PORT [TIMES]]
 
@@ -53,7 +53,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             bus.send(&topic.name, message.data);
             Ok(())
         })?;
-        // What waits at the end is decided by now.
+        // Wait until the last images are completed or dropped.
         std::thread::sleep(Duration::from_secs(1));
     }
     handle.stop();

@@ -1,6 +1,6 @@
-// Builds `dist`, which is committed: the program takes it in as it is. `--check` builds into a temporary folder and
-// fails if a byte differs; the output depends on sources and lock file alone. `--web FOLDER` builds the page that needs no
-// program, with the module and the weights of the npm package, which must be built, and demo scenes.
+// Builds `dist`, which is committed and embedded in the program. `--check` builds into a temporary folder and fails if a byte
+// differs; the output depends on sources and lock file alone. `--web FOLDER` builds the page as static files, with demo scenes
+// and the module and weights of the npm package, which must be built first.
 import { build } from "esbuild";
 import { cp, mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
@@ -12,7 +12,7 @@ const here = fileURLToPath(new URL(".", import.meta.url));
 const committed = join(here, "dist");
 const LARGEST = 1_000_000;
 
-/** Builds the page; with `others`, scripts beside it, as a folder that needs no program. */
+/** Builds the page; with `others`, further scripts, as static files that need no program. */
 async function into(folder, others = null) {
   await build({
     absWorkingDir: here,
@@ -51,7 +51,7 @@ async function web(folder) {
     demos.push(demo);
   }
   await writeFile(join(folder, "demo/demos.json"), JSON.stringify(demos));
-  // Where the program says what it has opened: here, that there is none.
+  // The program answers here with the files that it opened; this answer says that there is no program.
   await mkdir(join(folder, "v1"), { recursive: true });
   await writeFile(join(folder, "v1/start"), JSON.stringify({ browser: true }));
 }

@@ -1,15 +1,15 @@
-// Demo scenes of the page as static files, rendered by rays: a picture and depths that are known exactly. The output depends
-// on this file alone.
+// Ray-traced demo scenes for the page as static files: images, and points with simulated errors. The output depends on this
+// file alone.
 import { crc32, deflateSync } from "node:zlib";
 
 const WIDTH = 304;
 const HEIGHT = 228;
 const FOCAL = 260;
-/** Rays of a pixel, along each axis. */
+/** Rays per pixel along each axis. */
 const RAYS = 2;
 const SUN = [-0.4, -0.8, -0.45];
 
-/** A number from 0 to 1 that depends on three whole numbers. */
+/** Hashes three integers to a number from 0 to 1. */
 function random(a, b, c) {
   let h = Math.imul(a | 0, 0x85ebca6b) ^ Math.imul(b | 0, 0xc2b2ae35) ^ Math.imul(c | 0, 0x27d4eb2f);
   h = Math.imul(h ^ (h >>> 15), 0x2c1b3c6d);
@@ -46,7 +46,7 @@ const ball = (centre, radius, colour) => ({
 });
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
-// Colours: functions of the place.
+// Colours: functions of the position.
 const plain = (...rgb) => () => rgb;
 const checked = (size, a, b) => ([x, y, z]) => (([x, y, z].reduce((sum, value) => sum + Math.floor(value / size + 0.003), 0) & 1) === 0 ? a : b);
 const planks = (width, rgb) => ([x, , z]) => {
@@ -104,7 +104,7 @@ function png(pixels) {
   ]);
 }
 
-/** Depths at pixels, with an error of a share of the depth, to millimetres. */
+/** Depths at pixels, rounded to millimetres, with errors proportional to the depth. */
 function measured(surfaces, pixels, share) {
   return pixels.map(([u, v], i) => {
     const error = share * (random(i, 1, 5) + random(i, 2, 5) + random(i, 3, 5) - 1.5);

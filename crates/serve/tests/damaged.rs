@@ -1,8 +1,8 @@
-//! Damaged copies of sound requests: whatever comes in, nothing panics.
+//! Damaged copies of sound requests never cause a panic.
 
 use lsdc_serve::fuzzing::{form, text};
 
-/// A sequence of numbers that look random (Marsaglia 2003, xorshift).
+/// Returns the next number of a pseudorandom sequence (Marsaglia 2003, xorshift).
 fn next(state: &mut u64) -> usize {
     *state ^= *state << 13;
     *state ^= *state >> 7;
@@ -10,7 +10,7 @@ fn next(state: &mut u64) -> usize {
     (*state >> 16) as usize
 }
 
-/// The bytes with a few of them changed, cut out or doubled.
+/// Returns the bytes with some of them changed, removed or repeated.
 fn damaged(bytes: &[u8], state: &mut u64) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..=next(state) % 4 {
@@ -65,6 +65,6 @@ fn damaged_forms_and_texts_are_refused_or_read() {
         text(&damaged(points, &mut state));
         text(&damaged(parts[3].2, &mut state));
     }
-    // Some damage leaves a form that can be read, most does not.
+    // Some damaged forms can still be read, most cannot.
     assert!((1..400).contains(&read), "{read}");
 }

@@ -1,4 +1,4 @@
-// Builds `dist`: the module by cargo, JavaScript and types by tsc, and copies of the weights.
+// Builds `dist`: the module with cargo, JavaScript and types with tsc, and copies of the weights.
 //
 //     node build.mjs            needs Rust with the target wasm32-unknown-unknown, and `npm ci`
 import { execFileSync } from "node:child_process";

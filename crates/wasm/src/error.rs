@@ -1,4 +1,4 @@
-//! Why a call failed, as JavaScript throws it.
+//! Errors of calls, which JavaScript throws.
 
 use serde::Serialize;
 use std::error::Error as _;
@@ -9,19 +9,19 @@ pub(crate) type Result<T, E = Error> = std::result::Result<T, E>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Kind {
-    /// The size or the length of an image.
+    /// The size or the length of an image is wrong.
     Image,
-    /// A weights file.
+    /// A weights file cannot be used.
     Weights,
     /// An option that is unknown or out of range.
     Settings,
     /// The points do not determine a depth map.
     Fit,
-    /// A number of a scene that was freed, or a call out of order: an error of the JavaScript.
+    /// The number of a freed scene, or a call out of order: a bug in the JavaScript.
     Use,
 }
 
-/// A failed call: one sentence, and what to do about it.
+/// A failed call: a message of one sentence, and a hint.
 #[derive(Debug, Serialize)]
 pub(crate) struct Error {
     pub(crate) kind: Kind,
@@ -43,9 +43,9 @@ impl Error {
         self
     }
 
-    /// For JavaScript.
+    /// Returns the error as JSON, for JavaScript.
     pub(crate) fn json(&self) -> String {
-        // Names and texts always have a form.
+        // Names and texts can always be serialised.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
@@ -56,7 +56,7 @@ impl From<lsdc_core::Error> for Error {
             lsdc_core::Error::Image(_) => Kind::Image,
             lsdc_core::Error::Weights(_) => Kind::Weights,
             lsdc_core::Error::Settings(_) => Kind::Settings,
-            // Kinds that are added later are of the fit until they are listed here.
+            // Future kinds count as errors of the fit until they are listed here.
             _ => Kind::Fit,
         };
         let mut message = error.to_string();

@@ -1,4 +1,4 @@
-//! Options of a completion, by the names of `lsdc complete` and of the service.
+//! Options of a completion, with the names of `lsdc complete` and of the service.
 
 use crate::error::{Error, Kind, Result};
 use lsdc_core::fit::Changes;
@@ -6,16 +6,16 @@ use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{DepthNoise, Observation, Observations};
 use serde::Deserialize;
 
-/// Options of a completion; what is missing is as the weights say, and outputs are all computed.
+/// Options of a completion. By default, settings are those of the weights, and all outputs are computed.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Options {
     fit: Option<FitMethod>,
     robust: Option<Robustness>,
     prior: Option<PriorKind>,
-    /// Metres, for points without a standard deviation of their own.
+    /// Standard deviation in metres of points that have none.
     sigma: Option<f32>,
-    /// The noise of a depth camera, for points without a standard deviation of their own: a name, or A,B,C.
+    /// Noise of a depth camera for points without a standard deviation: a name, or A,B,C.
     noise: Option<String>,
     /// Whether the standard deviation of every pixel is computed.
     pub(crate) deviations: bool,
@@ -50,7 +50,7 @@ impl Options {
     /// Reads options from JSON.
     ///
     /// # Errors
-    /// No JSON, unknown options, or values out of range.
+    /// Invalid JSON, unknown options, or values out of range.
     pub(crate) fn parse(json: &[u8]) -> Result<Self> {
         let options: Self = serde_json::from_slice(json).map_err(|error| {
             let what = format!("the options cannot be read: {error}");
@@ -80,7 +80,7 @@ impl Options {
         }
     }
 
-    /// The points, those without a standard deviation with that of the options.
+    /// Returns the points, with the standard deviation of the options for those that have none.
     ///
     /// # Errors
     /// Unknown noise.

@@ -1,19 +1,18 @@
 //! The message of a panic, which JavaScript reads after the instance has stopped.
 //!
-//! A panic of this target ends in a trap, and nothing of the instance can be called afterwards. Its memory can still
-//! be read.
+//! A panic of this target ends in a trap, after which the instance cannot be called, but its memory can still be read.
 
 use std::cell::Cell;
 
-/// Bytes of a message; longer ones are cut off.
+/// Size of the message in bytes; longer messages are truncated.
 const MOST: usize = 512;
 
 thread_local! {
-    /// Text in UTF-8, ended by a zero.
+    /// Null-terminated UTF-8 text.
     static MESSAGE: [Cell<u8>; MOST] = const { [const { Cell::new(0) }; MOST] };
 }
 
-/// Keeps the message of a panic from now on, and returns the address where it will be.
+/// Starts recording the message of a panic, and returns its address.
 pub(crate) fn keep_message() -> *const u8 {
     std::panic::set_hook(Box::new(|info| write(&info.to_string())));
     MESSAGE.with(|message| message.as_ptr().cast())
@@ -44,7 +43,7 @@ mod tests {
         write("short");
         assert_eq!(kept(), b"short");
         write(&"ä".repeat(MOST));
-        // 511 bytes are left, of which letters of two bytes fill 510.
+        // 511 bytes are available, of which letters of two bytes fill 510.
         assert_eq!(kept(), "ä".repeat(255).as_bytes());
     }
 }

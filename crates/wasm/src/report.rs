@@ -1,4 +1,4 @@
-//! A completion in numbers, by the names of `lsdc complete --json`, as far as they are known here: metres, and counts.
+//! Numbers of a completion, with the names of `lsdc complete --json`, as far as available: metres, and counts.
 
 use lsdc_core::{Completion, DepthMap, Outlier};
 use serde::Serialize;
@@ -19,7 +19,7 @@ pub(crate) struct Report {
 struct Points {
     given: usize,
     used: usize,
-    /// Points whose depth or position cannot be used.
+    /// Number of points with an unusable depth or position.
     ignored: usize,
     outside: usize,
     without_deviation: usize,
@@ -29,7 +29,7 @@ struct Points {
 struct Depth {
     lowest: f32,
     highest: f32,
-    /// Pixels whose depth was limited to ten times the range of the points.
+    /// Number of pixels whose depth was limited to ten times the range of the points.
     clamped: usize,
 }
 
@@ -69,8 +69,8 @@ impl From<&Outlier> for OutlierEntry {
 }
 
 impl Report {
-    /// Of a completion and its depth. `outliers`: if the points were tested; `deviations`: whether there are standard
-    /// deviations.
+    /// Creates the report of a completion and its depth. `outliers`: present if the points were tested; `deviations`: whether
+    /// there are standard deviations.
     pub(crate) fn new(
         completion: &Completion,
         depth: &DepthMap,
@@ -112,7 +112,7 @@ impl Report {
     }
 
     pub(crate) fn json(&self) -> String {
-        // Numbers and names always have a form.
+        // Numbers and names can always be serialised.
         serde_json::to_string(self).unwrap_or_default()
     }
 }

@@ -9,11 +9,11 @@ use lsdc_core::{
 };
 use std::collections::BTreeMap;
 
-/// More points than this are not tested for outliers: the test takes several fits.
+/// Largest number of points that are tested for outliers; the test takes several fits.
 const MOST_TESTED: usize = 10_000;
 /// Bytes of a row of points.
 const ROW: usize = 4 * size_of::<f64>();
-/// Pixels of an image. The memory of an instance ends at 4 GiB, and running out of it stops the instance.
+/// Largest number of pixels of an image. An instance has at most 4 GiB of memory, and running out of it stops the instance.
 const MOST_PIXELS: usize = 1 << 25;
 
 #[derive(Default)]
@@ -21,7 +21,7 @@ pub(crate) struct Session {
     input: Vec<u8>,
     completer: Option<Completer>,
     scenes: BTreeMap<u32, Scene>,
-    /// The number of the last scene that was made.
+    /// Number of the last scene that was created.
     last: u32,
     text: String,
     /// Depth, standard deviations, residuals and leave-one-out errors.
@@ -29,7 +29,7 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// The address of an input of so many zeros; null if memory cannot be had.
+    /// Allocates an input of zeros, and returns its address; null if it cannot be allocated.
     pub(crate) fn reserve(&mut self, bytes: usize) -> *const u8 {
         self.input = Vec::new();
         if self.input.try_reserve_exact(bytes).is_err() {
@@ -39,7 +39,7 @@ impl Session {
         self.input.as_ptr()
     }
 
-    /// Makes an error the text, and empties the outputs.
+    /// Sets the text to an error, and clears the outputs.
     pub(crate) fn fail(&mut self, error: &Error) {
         self.text = error.json();
         self.outputs = Default::default();
@@ -157,7 +157,7 @@ impl Session {
     }
 }
 
-/// Points from rows of column, row, depth and standard deviation.
+/// Reads points from rows of column, row, depth and standard deviation.
 fn points(rows: &[u8]) -> Observations {
     let rows = rows.as_chunks::<ROW>().0.iter();
     let point = |row: &[u8; ROW]| {

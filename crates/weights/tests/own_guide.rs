@@ -83,7 +83,7 @@ fn the_guide_is_what_depth_anything_predicts_for_the_same_image() {
     let expected = depth(&without.guided_scene(&image, &guide).unwrap());
     assert_eq!(depth(&own), expected);
 
-    // Without the head, nothing has changed.
+    // Without the head, the result is unchanged.
     let plain = without.scene(&image).unwrap();
     let alone = depth(&plain);
     assert!(!plain.is_guided());
@@ -92,7 +92,7 @@ fn the_guide_is_what_depth_anything_predicts_for_the_same_image() {
     let switched_off = with.without_depth_head();
     assert_eq!(depth(&switched_off.scene(&image).unwrap()), alone);
 
-    // A given guide replaces it.
+    // A given guide replaces the prediction of the head.
     let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
     let ramp = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp).unwrap();
     let given = depth(&without.guided_scene(&image, &ramp).unwrap());

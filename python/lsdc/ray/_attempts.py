@@ -1,7 +1,7 @@
-"""Frames that kill their worker: by a fault of a library, or by more memory than there is.
+"""Frames that kill their worker, because of a bug in a library or a lack of memory.
 
-Ray tries a task again whenever its worker died, which is right unless it dies of the task. So a shard that is tried
-again keeps a note of the frame that it is at, and a frame at which workers died several times is given up.
+Ray retries a task whenever its worker dies, which is right unless the task is the cause. A retried shard therefore
+records its current frame, and gives up a frame at which workers have died several times.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections import Counter
 from ._options import as_text
 from ._place import SCRATCH, Place
 
-# Deaths at the same frame, beyond the first of its shard, of which it is not known where it was. Workers also die of
-# other causes: with 3, the kill test gave up a frame of which nothing had died.
+# Deaths at the same frame after which it is given up, not counting the first death of its shard, whose frame is unknown.
+# Workers also die of other causes: with 3, the kill test gave up a sound frame.
 GIVEN_UP = 8
 
 
 class Attempts:
-    """What is known of earlier attempts at a shard."""
+    """Earlier attempts at a shard."""
 
     def __init__(self, place: Place, shard: str) -> None:
         self._place, self._file = place, f"{SCRATCH}/{shard}.json"
@@ -32,7 +32,7 @@ class Attempts:
         self.pause()
 
     def begin(self, key: str) -> str | None:
-        """Keeps a note of a frame, unless it is given up: then says why."""
+        """Records the current frame, or returns the reason why it is given up."""
         deaths = self._deaths[key]
         if deaths >= GIVEN_UP:
             return f"{deaths} workers died while they completed it"
@@ -41,7 +41,7 @@ class Attempts:
         return None
 
     def pause(self) -> None:
-        """At no frame."""
+        """Records that no frame is in progress."""
         self._note(None)
 
     def _note(self, key: str | None) -> None:

@@ -74,7 +74,7 @@ class _Job:
 
 
 def _prepared(args: argparse.Namespace) -> _Job:
-    """All that can be wrong with arguments and source is found here, before a cluster is used."""
+    """Checks arguments and source before the cluster is used."""
     try:
         fit = None if args.fit is None else json.loads(args.fit)
     except json.JSONDecodeError as error:
@@ -115,7 +115,7 @@ def _connected(args: argparse.Namespace) -> None:
 
 
 def _ended(job: _Job, errors: list[str], seconds: float) -> int:
-    """Says what there is now, and what it means."""
+    """Prints a summary, and returns the exit code."""
     summaries = job.destination.summaries()
     frames = sum(summary["frames"] for summary in summaries.values())
     failed = sum(len(summary["failed"]) for summary in summaries.values())
@@ -137,7 +137,7 @@ def _ended(job: _Job, errors: list[str], seconds: float) -> int:
 
 @dataclass
 class _Progress:
-    """Lines of text, which logs keep, too."""
+    """Prints progress as lines of text, which also suit logs."""
 
     shards: int
     left: int

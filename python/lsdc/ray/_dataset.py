@@ -38,50 +38,50 @@ def complete(
     num_cpus: int = 1,
     concurrency: int | tuple[int, int] | None = None,
 ) -> ray.data.Dataset:
-    """Completes every row of a Dataset: lazily, streaming, a row out for a row in.
-
-    Each actor holds the weights once, completes a frame at a time, and holds a batch; how many batches wait is up to
-    Ray Data. What was lost with a worker or a node is computed again, to the same bits.
+    """Completes every row of a Dataset lazily, as a stream with one row out for each row in.
+    
+    Each actor holds the weights and one batch, and completes one frame at a time; Ray Data decides how many batches
+    wait. Results lost with a worker or a node are computed again, with the same bits.
 
     Parameters
     ----------
     dataset : Dataset
         With the columns below.
     key, image, sparse : str
-        Names of columns: keys, which are passed on; images, as arrays (H, W, 3), bytes of image files, or paths that
-        every node can read; sparse depths, as arrays (see `Scene.complete`), or bytes of npy files or images of 16
-        bits.
+        Names of columns: keys, which are passed through; images, as arrays (H, W, 3), bytes of image files, or paths
+        that every node can read; sparse depths, as arrays (see `Scene.complete`), or bytes of npy files or 16-bit
+        images.
     sigma : str or number, optional
-        The column of standard deviations of the depths, or one for all.
+        The column of standard deviations of the depths, or one standard deviation for all.
     guide : str, optional
-        The column of predictions of depth by other means.
+        The column of depth predictions from another source.
     weights, fit, robust, working_size
         See `Completer`.
     unit, size, order
         See `Scene.complete` and `Completer.scene`.
     encoding : "f16", "u16" or "f32"
-        How depths are stored, in 2, 2 or 4 bytes. Half precision keeps 11 bits, 0.05 %, at any scale. `step` is the
-        unit of "u16": with 0.001, up to 65.5 m. `clipped` counts the pixels of a frame beyond what can be stored.
+        How depths are stored, in 2, 2 or 4 bytes. Half precision keeps 11 bits (0.05 %) at any scale. `step` is the
+        unit of "u16": with 0.001, up to 65.5 m. `clipped` counts the pixels of a frame outside the range of the encoding.
     standard_deviation : bool
-        Whether to store that of every pixel too, which costs time.
+        Whether to store the standard deviation of every pixel as well, which takes time.
     batch_size : int
-        Rows that an actor holds; small, because a row is a whole picture.
+        Rows that an actor holds; small, because a row is a whole image.
     num_cpus : int
-        CPUs, and threads, of an actor. With 1, many frames at a time make the best use of all cores.
+        CPUs and threads of an actor. With 1, many frames at a time make the best use of all cores.
     concurrency : int or (int, int), optional
-        The number of actors, or its bounds. By default as many as the cluster has room for.
+        Number of actors, or its bounds. By default, as many as fit into the cluster.
 
     Returns
     -------
     Dataset
-        Rows with `key`, `error` (None if all went well; a broken frame never ends the whole), `width`, `height`,
-        `encoding`, `step`, `depth` and `standard_deviation` (bytes, see `decode`), `clipped`, `report` (JSON). Other
-        columns are dropped: join them again by key. Whether keys are unique is not looked at.
+        Rows with `key`, `error` (None on success; a failed frame never stops the rest), `width`, `height`, `encoding`,
+        `step`, `depth` and `standard_deviation` (bytes, see `decode`), `clipped`, `report` (JSON). Other columns are
+        dropped: join them again by key. Keys are not checked for uniqueness.
 
     Raises
     ------
     SettingsError, InputError, WeightsError, ReadError
-        Options that cannot be, or a column that is known to be missing: at once.
+        Invalid options, or a column that is known to be missing; raised immediately.
     """
     completer = Completer(
         weights, fit=fit, robust=robust, working_size=working_size, threads=max(1, int(num_cpus))
@@ -105,7 +105,7 @@ def complete(
 
 
 def actors(concurrency: int | tuple[int, int] | None, initial: int = 1) -> ray.data.ActorPoolStrategy:
-    """One task waits at each actor while another runs: more would not be shared with actors that come later."""
+    """One task waits at each actor while another runs; more waiting tasks would not be shared with actors added later."""
     in_flight = 2
     if concurrency is None:
         return ray.data.ActorPoolStrategy(
@@ -125,7 +125,7 @@ def _check(columns: dict[str, str], names: Any) -> None:
 
 
 class _Worker:
-    """An actor."""
+    """The actor that completes batches."""
 
     def __init__(self, options: Options, columns: dict[str, str]) -> None:
         self._options, self._columns = options, columns
@@ -151,7 +151,7 @@ class _Worker:
 
 
 def _numbers(value: Any) -> Any:
-    """Lists within lists come as arrays of arrays."""
+    """Stacks nested lists, which arrive as arrays of arrays."""
     value = as_depths(value)
     if isinstance(value, np.ndarray) and value.dtype == object:
         return np.stack(value.tolist())

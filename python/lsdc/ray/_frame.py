@@ -1,4 +1,4 @@
-"""A frame on its way from files to a row of results."""
+"""Frames, from files to rows of results."""
 
 from __future__ import annotations
 
@@ -32,40 +32,40 @@ SCHEMA = pa.schema(
 )
 """The columns of results. Where `error` is given, a frame has nothing else."""
 
-# What a clock says differs from run to run.
+# Times differ between runs, and are not stored.
 TIMES = ("network", "fit", "field", "solve")
 
 TYPES = {"f16": "<f2", "u16": "<u2", "f32": "<f4"}
-# The smallest and largest that is stored.
+# The smallest and largest stored values.
 LIMITS = {"f16": (2.0**-24, 65504.0), "u16": (1.0, 65535.0)}
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a frame is completed from."""
+    """Inputs of the completion of a frame."""
 
     image: ImageLike
     sparse: Array
     sigma: Array | None = None
     guide: Array | None = None
     left_out: Mapping[str, int] | None = None
-    """How many points, and why, where a source leaves some out."""
+    """Numbers of points that the source left out, by reason."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that was fetched; `decode` fails if what was fetched is missing or damaged."""
+    """A fetched frame; `decode` fails if its data is missing or damaged."""
 
     key: str
     decode: Callable[[], Inputs]
 
 
 def completed(frame: Frame, completer: Completer, options: Options) -> dict[str, Any]:
-    """The row of a frame: its depth, or why there is none."""
+    """Returns the row of a frame with its depth, or with the reason of a failure."""
     try:
         result = _result(frame.decode(), completer, options)
         return {"key": frame.key, "error": None, **result}
-    # Decoders of images raise whatever they like; none of it may end a run over millions of frames.
+    # Image decoders may raise any exception, which must not end a run over millions of frames.
     except Exception as error:
         hint = error.hint if isinstance(error, Error) else None
         message = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
@@ -73,7 +73,7 @@ def completed(frame: Frame, completer: Completer, options: Options) -> dict[str,
 
 
 def failed(key: str, error: str) -> dict[str, Any]:
-    """The row of a frame without a depth."""
+    """Returns the row of a failed frame."""
     return {**dict.fromkeys(SCHEMA.names), "key": key, "error": error}
 
 
@@ -91,7 +91,7 @@ def _result(inputs: Inputs, completer: Completer, options: Options) -> dict[str,
     depth, clipped = encoded(completion.depth, options.encoding, options.step)
     deviation = None
     if options.standard_deviation:
-        # Always floats: small deviations have few steps of a unit.
+        # Always floats: steps of a unit would be too coarse for small deviations.
         form = "f32" if options.encoding == "f32" else "f16"
         deviation, _ = encoded(completion.standard_deviation, form, 1.0)
     width, height = completion.size
@@ -111,12 +111,12 @@ def _result(inputs: Inputs, completer: Completer, options: Options) -> dict[str,
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no NaN."""
+    """Replaces NaN and infinity, which JSON lacks, by None."""
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def encoded(values: NDArray[np.float32], encoding: str, step: float) -> tuple[NDArray[Any], int]:
-    """Values as they are stored, and the number of those beyond what can be, which become the nearest that can."""
+    """Encodes values, clipped to the range of the encoding, and returns the number of clipped ones."""
     if encoding == "f32":
         return values.astype(TYPES[encoding]), 0
     scaled = values.astype(np.float64)
@@ -128,7 +128,7 @@ def encoded(values: NDArray[np.float32], encoding: str, step: float) -> tuple[ND
 
 
 def decode(row: dict[str, Any], column: str = "depth") -> NDArray[np.float32] | None:
-    """The depths `(H, W)` of a row of results as float32, in metres (or the unit of the floats that were given); or its
+    """Decodes the depths `(H, W)` of a row of results as float32, in metres (or the unit of the given floats), or the
     standard deviations, with `column="standard_deviation"`. None if there are none."""
     data = row[column]
     if data is None:
@@ -143,7 +143,7 @@ def decode(row: dict[str, Any], column: str = "depth") -> NDArray[np.float32] | 
 
 
 def as_picture(value: Any) -> Any:
-    """An image that is an array, the bytes of a file, or a struct that holds them, as Hugging Face's datasets have."""
+    """Reads an image from an array, the bytes of a file, or a struct with these bytes, as in Hugging Face datasets."""
     value = _bytes(value)
     if not isinstance(value, bytes):
         return value
@@ -154,7 +154,7 @@ def as_picture(value: Any) -> Any:
 
 
 def as_depths(value: Any) -> Any:
-    """Depths that are an array, or the bytes of a file: npy, or an image of 16 bits."""
+    """Reads depths from an array or the bytes of a file: npy, or a 16-bit image."""
     value = _bytes(value)
     if not isinstance(value, bytes):
         return value
@@ -169,7 +169,7 @@ def as_depths(value: Any) -> Any:
         if not opened.mode.startswith("I"):
             hint = "give npy, or a greyscale image of 16 bits"
             raise InputError(f"depths are an image of the kind {opened.mode}", hint)
-        # Pillow has images of 16 bits as 32, too.
+        # Pillow may also decode 16-bit images to 32 bits.
         return np.asarray(opened).astype(np.uint16)
 
 

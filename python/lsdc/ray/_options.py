@@ -1,4 +1,4 @@
-"""What is done to every frame."""
+"""Options of the completion of frames."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ ENCODINGS = ("f16", "u16", "f32")
 
 @dataclass(frozen=True)
 class Options:
-    """Options of `Completer.complete`, and how its results are stored. Wrong ones are refused where they are made, not
-    on a cluster."""
+    """Options of `Completer.complete` and of the storage of its results. Invalid options are refused when this is created,
+    not on the cluster."""
 
     completer: Completer
     unit: Unit | None = None
@@ -47,9 +47,9 @@ class Options:
                 raise SettingsError(f"`{name}` is {value!r}, not a positive number")
 
     def record(self) -> dict[str, Any]:
-        """All that the bits of a result depend on, beside the frame itself and the instruction set.
-
-        `numerics` identifies what this version computes: a version that computes the same goes on with its results.
+        """Returns everything that determines the bits of a result, besides the frame and the instruction set.
+        
+        `numerics` identifies the numerics of this version: versions with the same numerics can resume a run.
         """
         name, weights, _, working_size, _ = cast("tuple[Any, ...]", self.completer.__reduce__()[1])
         if isinstance(weights, bytes):
@@ -70,5 +70,5 @@ class Options:
 
 
 def as_text(record: Any) -> str:
-    """JSON that is the same for the same values."""
+    """Returns canonical JSON."""
     return json.dumps(record, sort_keys=True, allow_nan=False)

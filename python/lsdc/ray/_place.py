@@ -1,4 +1,4 @@
-"""Folders on a disk or an object store, that every machine can open by their address."""
+"""Folders on a disk or an object store that every machine can open by address."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ SCRATCH = "tmp"
 
 
 class Place:
-    """A folder, or one file: a path, `s3://bucket/folder`, `gs://...`, or any other address that pyarrow or fsspec
-    knows. Only the address is pickled; a connection is opened where it is first used."""
+    """A folder or a file: a path, `s3://bucket/folder`, `gs://...`, or any other address that pyarrow or fsspec supports.
+    Only the address is pickled; the connection is opened on first use."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -32,7 +32,7 @@ class Place:
         return re.sub("//[^/@]*@", "//", self.address.partition("?")[0])
 
     def child(self, name: str) -> Place:
-        """A folder in it."""
+        """Returns a subfolder."""
         path, question, options = self.address.partition("?")
         return Place(f"{path.rstrip('/')}/{name}{question}{options}")
 
@@ -70,8 +70,8 @@ class Place:
         return bool(self._info(name).type == pafs.FileType.Directory)
 
     def files(self, name: str = "") -> list[str]:
-        """The files below a folder, as names below this place, sorted; none if there is no such folder. Those whose
-        name begins with a dot are left out."""
+        """Returns the files below a folder, sorted, relative to this place; none if there is no such folder. Files whose name
+        begins with a dot are left out."""
         system, path = self._opened
         selector = pafs.FileSelector(self._at(name), recursive=True, allow_not_found=True)
         found = (info.path for info in system.get_file_info(selector) if info.type == pafs.FileType.File)
@@ -79,7 +79,7 @@ class Place:
         return sorted(file for file in below if not any(part.startswith(".") for part in file.split("/")))
 
     def open(self, name: str = "") -> Any:
-        """A file to read from at any position."""
+        """Opens a file for reading at any position."""
         try:
             return self._opened[0].open_input_file(self._at(name))
         except FileNotFoundError:
@@ -90,8 +90,8 @@ class Place:
             return bytes(file.read())
 
     def write(self, name: str, data: bytes) -> None:
-        """Writes a file that is never seen unfinished: on a disk under a temporary name first; an object appears in a
-        store when it is whole."""
+        """Writes a file atomically: on a disk, under a temporary name first; in a store, objects appear only when they are
+        complete."""
         system, path = self._opened
         if not self._is_local:
             with system.open_output_stream(self._at(name)) as stream:
@@ -110,7 +110,7 @@ class Place:
         _sync_folder(os.path.dirname(target))
 
     def clean(self) -> None:
-        """Removes what was half written, and notes."""
+        """Removes incomplete files and records of attempts."""
         if self.is_folder(SCRATCH):
             self._opened[0].delete_dir(self._at(SCRATCH))
 

@@ -1,4 +1,4 @@
-"""Which frame goes into which shard, decided before any work begins: what is tried again makes the same again."""
+"""Assignment of frames to shards before any work begins, so that a retried shard gives the same file."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from .._errors import InputError, SettingsError
 from ._options import as_text
 from ._sources import Entry, Source
 
-# Files that are listed at the same time.
+# Number of files listed at the same time.
 LISTED = 32
 
 
 @dataclass(frozen=True)
 class Shard:
-    """A task: frames whose results are one file."""
+    """A task: frames whose results form one file."""
 
     name: str
     frames: int
     reference: str
-    """What the source needs to fetch them: JSON."""
+    """JSON with which the source fetches the frames."""
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ class Plan:
     shards: list[Shard]
     frames: int
     digest: str
-    """Of all keys and shards, in their order."""
+    """Hash of all keys and shards, in order."""
 
 
 def planned(source: Source, per_shard: int, dotless: bool = False) -> Plan:
-    """Divides the frames of a source into shards of so many, of which none crosses the end of a file.
+    """Divides the frames of a source into shards of `per_shard` frames, which do not cross the end of a file.
 
     Raises
     ------
     InputError
-        A key that occurs twice, or, if keys are to be `dotless`, has a dot in its last part; no frame at all.
+        A key occurs twice, or has a dot in its last part if keys must be `dotless`; or there are no frames.
     """
     if per_shard < 1:
         raise SettingsError(f"a shard of {per_shard} frames is not possible")
@@ -61,7 +61,7 @@ def planned(source: Source, per_shard: int, dotless: bool = False) -> Plan:
 
 
 def _listed(source: Source) -> Iterator[tuple[str, list[Entry]]]:
-    """In the order of the files, though several are read at once."""
+    """Yields files and their entries in order, listing several files at once."""
     files: Any = source.files()
     with ThreadPoolExecutor(LISTED) as pool:
         for start in range(0, len(files), LISTED):

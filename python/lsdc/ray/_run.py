@@ -1,8 +1,8 @@
 """Shards as tasks of Ray Data.
 
-A task is a shard: it fetches its frames, completes them one after the other, writes one file, and returns a line. So
-frames travel from their source to a worker and on to their shard, and nowhere else; a worker that is lost costs the
-shard that it was at; and a task that runs twice writes the same file twice.
+A task is a shard: it fetches its frames, completes them one after the other, writes one file, and returns a summary.
+Frames are transferred only from their source to a worker and to their shard; losing a worker loses only its current
+shard; and a task that runs twice writes the same file twice.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ._plan import Shard
 from ._shards import Destination
 from ._sources import Source
 
-# Tasks that Ray Data has to know of; beyond that, several shards share one.
+# Largest number of tasks in Ray Data; with more shards, several share a task.
 TASKS = 20_000
 
 
@@ -37,14 +37,14 @@ def run(
     concurrency: int | None = None,
     progress: Callable[[dict[str, Any]], None] = lambda summary: None,
 ) -> None:
-    """Makes shards on the cluster that Ray is connected to. `progress` hears of each when it is finished, or that it
-    could not be made, because its source or destination does not answer or is damaged: its summary then has `error`."""
+    """Completes shards on the cluster to which Ray is connected. Calls `progress` with the summary of each finished shard.
+    The summary has `error` if the shard failed because its source or destination does not answer or is damaged."""
     if not shards:
         return
     ray.data.DataContext.get_current().enable_progress_bars = False
-    # Objects of this process: they outlive the nodes that work on them.
+    # Objects of this process, which outlive the nodes that work on them.
     tasks = ray.data.from_items([asdict(shard) for shard in shards], override_num_blocks=min(len(shards), TASKS))
-    # At once, not one by one.
+    # Start all actors at once instead of one by one.
     room = int(ray.cluster_resources().get("CPU", 1)) // num_cpus
     finished = tasks.map_batches(
         _Worker,
@@ -59,7 +59,7 @@ def run(
 
 
 class _Worker:
-    """An actor."""
+    """The actor that completes shards."""
 
     def __init__(self, source: Source, options: Options, destination: Destination) -> None:
         self._source, self._options, self._destination = source, options, destination
@@ -67,9 +67,9 @@ class _Worker:
     def __call__(self, batch: dict[str, Any]) -> dict[str, list[str]]:
         shard = Shard(str(batch["name"][0]), int(batch["frames"][0]), str(batch["reference"][0]))
         try:
-            # By a task that died after it, or is still running on a machine that was given up.
+            # The shard may be finished by a task that died afterwards, or that still runs on a machine considered lost.
             summary = self._destination.find(shard.name) or self._make(shard)
-        # Of libraries of files and stores. The others go on; the same command makes what is left.
+        # Errors of file and store libraries. Other shards continue; the same command retries this one.
         except Exception as error:
             what = f"{shard.name}: {type(error).__name__}: {error}"
             summary = {"frames": 0, "failed": [], "error": what}

@@ -21,20 +21,20 @@ from ._place import Place
 
 Format = Literal["parquet", "tar"]
 
-# Rows that are held before they are compressed.
+# Rows that are buffered before they are compressed.
 ROWS = 16
 
-# Requests at the same time.
+# Number of simultaneous requests.
 READ = 32
 
 
 class Destination:
     """A folder of results:
 
-    - `plan.json`: what is made, so that nothing else is mixed into it
+    - `plan.json`: the frames and options, so that no other results are added
     - `data/shard-0000000.parquet` or `.tar`: the results
-    - `done/shard-0000000.json`: written after its shard: how many frames it has, and which of them failed
-    - `failures.csv`: all that failed
+    - `done/shard-0000000.json`: written after its shard, with its number of frames and its failures
+    - `failures.csv`: all failures
     """
 
     def __init__(self, place: Place, format: Format) -> None:
@@ -43,14 +43,14 @@ class Destination:
         self._place, self._format = place, format
 
     def begin(self, plan: dict[str, Any]) -> None:
-        """Refuses a folder in which something else was begun."""
+        """Writes the plan; refuses a folder with another plan or other files."""
         plan = {**plan, "format": self._format}
         if not self._place.is_file("plan.json"):
             if there := self._place.files()[:1]:
                 raise SettingsError(f"`{self._place}` has other files: `{there[0]}`", "give an empty folder")
             self._place.write("plan.json", (json.dumps(plan, sort_keys=True, indent=2) + "\n").encode())
             return
-        # As read back: tuples are lists.
+        # Compare with what is read back, in which tuples are lists.
         before, now = json.loads(self._place.read("plan.json")), json.loads(as_text(plan))
         if differing := [name for name in {**now, **before} if before.get(name) != now.get(name)]:
             was, wanted = (as_text(record.get(differing[0])) for record in (before, now))
@@ -60,20 +60,20 @@ class Destination:
             )
 
     def finished(self) -> set[str]:
-        """The names of shards that need not be made."""
+        """Returns the names of finished shards."""
         return {name[len("done/") : -len(".json")] for name in self._place.files("done")}
 
     def attempts(self, name: str) -> Attempts:
-        """Begins a shard."""
+        """Begins an attempt at a shard."""
         return Attempts(self._place, name)
 
     def find(self, name: str) -> dict[str, Any] | None:
-        """What was said of a shard when it was finished."""
+        """Returns the summary of a finished shard; None if it is not finished."""
         file = f"done/{name}.json"
         return json.loads(self._place.read(file)) if self._place.is_file(file) else None
 
     def put(self, name: str, rows: Iterable[dict[str, Any]], seconds: Callable[[], float]) -> dict[str, Any]:
-        """Writes a shard, and then what there is to say of it."""
+        """Writes a shard and then its summary."""
         frames = clipped = 0
         failures: list[list[str]] = []
 
@@ -94,7 +94,7 @@ class Destination:
         return summary
 
     def summaries(self) -> dict[str, dict[str, Any]]:
-        """Of all finished shards, by name."""
+        """Returns the summaries of all finished shards, by name."""
         names = sorted(self.finished())
         with ThreadPoolExecutor(READ) as pool:
             found = pool.map(self.find, names)
@@ -128,7 +128,7 @@ def _parquet(rows: Iterable[dict[str, Any]]) -> bytes:
 
 
 def _tar(rows: Iterable[dict[str, Any]]) -> bytes:
-    """For WebDataset: `KEY.depth.npy`, `KEY.standard_deviation.npy`, and all else in `KEY.json`."""
+    """Encodes rows for WebDataset: `KEY.depth.npy`, `KEY.standard_deviation.npy`, and the rest in `KEY.json`."""
     target = io.BytesIO()
     with tarfile.open(fileobj=target, mode="w", format=tarfile.GNU_FORMAT) as tar:
         for row in rows:
@@ -138,7 +138,7 @@ def _tar(rows: Iterable[dict[str, Any]]) -> bytes:
             _add(tar, f"{row['key']}.json", as_text(described).encode())
             for name in ("depth", "standard_deviation"):
                 if row[name] is not None:
-                    # Deviations are always floats.
+                    # Standard deviations are always floats.
                     form = row["encoding"] if name == "depth" or row["encoding"] == "f32" else "f16"
                     values = np.frombuffer(row[name], TYPES[form]).reshape(row["height"], row["width"])
                     content = io.BytesIO()

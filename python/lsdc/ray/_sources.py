@@ -1,7 +1,7 @@
-"""Where frames come from.
+"""Sources of frames.
 
-A source names its files, lists the frames in one (`index`, which reads as little as it can), and fetches those that a
-reference stands for (`frames`), on whichever machine. References are JSON, small, and say all that is needed.
+A source names its files, lists the frames of a file (`index`, which reads as little as possible), and fetches the frames
+of a reference (`frames`) on any machine. References are small, self-contained JSON.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ Entry = tuple[str, Any]
 class Source(Protocol):
     def files(self) -> Sequence[str]: ...
     def index(self, file: str) -> list[Entry]:
-        """The frames in a file, in an order that is always the same."""
+        """Lists the frames of a file, always in the same order."""
         ...
 
     def reference(self, file: str, entries: Sequence[Entry]) -> Any:
-        """What stands for frames of a file that follow each other."""
+        """Returns the reference of consecutive frames of a file."""
         ...
 
     def frames(self, reference: Any) -> Iterator[Frame]:
-        """Fetches frames, one after the other. What is damaged shows when a frame is decoded; a store that does not
-        answer raises OSError here."""
+        """Fetches frames, one after the other. Damage is detected when a frame is decoded; a store that does not answer
+        raises OSError here."""
         ...
 
 
 def opened(address: str, sparse: str | None, columns: Mapping[str, str]) -> Source:
-    """The source at an address: tars of WebDataset, Parquet, or images, whose depths are in the folder `sparse`, which
-    may also be a model of COLMAP. A folder with `images` and `sparse` in it needs no other.
+    """Opens the source at an address: WebDataset tars, Parquet, or images with depths in the folder `sparse`, which may also
+    be a COLMAP model. For a folder that contains `images` and `sparse`, `sparse` is not needed.
 
     Raises
     ------
     ReadError, InputError
-        There is nothing of that kind.
+        There is no source of these kinds.
     """
     place = Place(address)
     names = [""] if place.is_file() else place.files()
@@ -74,7 +74,7 @@ def opened(address: str, sparse: str | None, columns: Mapping[str, str]) -> Sour
 
 
 class Folder:
-    """Images, and maps of depths with the same names but for the ending: npy, or images of 16 bits."""
+    """Images, and depth maps with the same names and another ending: npy, or 16-bit images."""
 
     def __init__(self, images: Place, maps: Place) -> None:
         self._images, self._maps = images, maps
@@ -105,7 +105,6 @@ class Folder:
 
 
 def _of_files(key: str, images: Place, image: str, maps: Place, depths: str | None) -> Frame:
-    # Fetched here, decoded later.
     found = [_fetched(images, image), None if depths is None else _fetched(maps, depths)]
 
     def decode() -> Inputs:
@@ -127,7 +126,7 @@ def _fetched(place: Place, name: str) -> bytes | ReadError:
 
 
 class Models:
-    """Images, and the points that they see in a model of COLMAP. The model is read by every worker, when it begins."""
+    """Images, and the points that they see in a COLMAP model, which every worker reads when it begins."""
 
     def __init__(self, images: Place, model: Place) -> None:
         self._images, self._place = images, model
@@ -174,6 +173,6 @@ class Models:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """A name without its ending, and the ending in small letters."""
+    """Returns a name without its ending, and the ending in lower case."""
     stem, dot, ending = name.rpartition(".")
     return (stem, f".{ending.lower()}") if dot and "/" not in ending else (name, "")

@@ -1,4 +1,4 @@
-"""Parquet: a row for each frame, whose image and depths are the bytes of files, or lists of numbers with their rows."""
+"""Parquet: a row per frame, with image and depths as bytes of files or as nested lists of numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ._place import Place
 COLUMNS = {"key": "key", "image": "image", "sparse": "sparse", "sigma": "sigma", "guide": "guide"}
 NEEDED = ("key", "image", "sparse")
 
-# Rows that are held in memory.
+# Number of rows held in memory.
 ROWS = 8
 
 
@@ -31,7 +31,7 @@ class Tables:
         return self._files
 
     def index(self, file: str) -> list[tuple[str, int]]:
-        """Keys and their rows; reads the column of keys alone."""
+        """Lists keys and their rows; reads only the column of keys."""
         with self._place.open(file) as stream, self._opened(stream, file) as table:
             names = set(table.schema_arrow.names)
             for part in sorted(self._must):

@@ -1,4 +1,4 @@
-"""Tars of WebDataset: the members of a frame follow each other, and share their name up to its first dot."""
+"""WebDataset tars: the members of a frame are consecutive and share their name up to the first dot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .._errors import InputError, ReadError
 from ._frame import Frame, Inputs, as_depths, as_picture
 from ._place import Place
 
-# Endings of members, in the order in which they are looked for.
+# Endings of members, in order of preference.
 FIELDS: dict[str, tuple[str, ...]] = {
     "image": ("jpg", "jpeg", "png", "webp", "image.png", "rgb.png"),
     "sparse": ("sparse.npy", "sparse.png", "depth.npy", "depth.png", "npy"),
@@ -30,7 +30,7 @@ class Tars:
         return self._files
 
     def index(self, file: str) -> list[tuple[str, int]]:
-        """Keys, and where their first members begin; reads the headers alone."""
+        """Lists keys and the offsets of their first members; reads only the headers."""
         entries: list[tuple[str, int]] = []
         with self._place.open(file) as stream:
             try:
@@ -87,7 +87,7 @@ class Tars:
 
 
 def _key(member: tarfile.TarInfo) -> str | None:
-    """None for what belongs to no frame."""
+    """Returns the key of a member; None if it belongs to no frame."""
     folder, slash, name = member.name.rpartition("/")
     if not member.isfile() or name.startswith((".", "__")):
         return None

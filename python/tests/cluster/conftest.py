@@ -1,4 +1,4 @@
-"""Frames in every form, and a cluster of three nodes on this machine."""
+"""Frames in every format, and a cluster of three nodes on this machine."""
 
 import io
 import json
@@ -42,14 +42,14 @@ def as_npy(values):
 
 @pytest.fixture(scope="session")
 def one_process():
-    """What one process computes, by key."""
+    """Results of one process, by key."""
     completer = lsdc.Completer("small")
     return {key: completer.complete(*frame(number)) for number, key in enumerate(KEYS)}
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """`images` and `sparse`."""
+    """A folder with `images` and `sparse`."""
     source = tmp_path / "frames"
     for number, key in enumerate(KEYS):
         image, sparse = frame(number)
@@ -119,7 +119,7 @@ def cluster():
 
 @pytest.fixture
 def store():
-    """Addresses of folders in an object store on this machine."""
+    """Returns addresses of folders in a local object store."""
     server = pytest.importorskip("moto.server", reason="moto is not installed")
     boto3 = pytest.importorskip("boto3")
     running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
@@ -133,18 +133,18 @@ def store():
 
 
 def results(dest, ending="parquet"):
-    """The rows of a folder of results."""
+    """Returns the rows of a folder of results."""
     files = sorted((dest / "data").glob(f"*.{ending}"))
     return [row for file in files for row in pq.read_table(file).to_pylist()]
 
 
 def command(*arguments):
-    """The exit code of the command in this process."""
+    """Runs the command in this process, and returns its exit code."""
     return _command.main([*map(str, arguments), "--weights", "small", "--quiet"])
 
 
 def same(rows, one_process):
-    """All keys once, with the bits of one process."""
+    """Checks that every key occurs once, with the bits of one process."""
     assert sorted(row["key"] for row in rows) == sorted(one_process)
     for row in rows:
         assert row["error"] is None

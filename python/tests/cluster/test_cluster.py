@@ -1,4 +1,4 @@
-"""A cluster of three nodes: the bits of one process, every frame once, whatever dies."""
+"""A cluster of three nodes gives every frame once, with the bits of one process, whatever is killed."""
 
 import io
 import json
@@ -79,7 +79,7 @@ def test_what_is_there_is_not_made_again_and_what_is_lost_has_the_same_bytes(
     assert command(folder, dest, *EXACT) == 0
     shards = sorted((dest / "data").iterdir())
     before = [(shard.stat().st_mtime_ns, shard.read_bytes()) for shard in shards]
-    # As if the worker had died before, and after, writing its shard.
+    # As if a worker had died before writing its shard, and another one after.
     shards[1].unlink()
     for number in (1, 3):
         (dest / f"done/{shards[number].stem}.json").unlink()
@@ -103,7 +103,7 @@ def test_broken_frames_are_listed(cluster, one_process, folder, tmp_path, capsys
     assert same(good, {row["key"]: one_process[row["key"]] for row in good})
     lines = (dest / "failures.csv").read_text().splitlines()
     assert len(lines) == 3 and KEYS[3] in lines[1] and "no depths" in lines[2]
-    # Nothing is left to do, but the failures are still there.
+    # Nothing is left to do, but the failures remain.
     assert command(folder, dest, *EXACT) == 3
 
 
@@ -156,7 +156,7 @@ def test_a_frame_that_kills_its_worker_is_given_up(cluster, one_process, tmp_pat
 
 
 def test_a_shard_that_cannot_be_made(cluster, one_process, tars, tmp_path, capsys):
-    """Its source has changed since the plan was made."""
+    """The source has changed since the plan was made."""
     dest = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_command, "_connected", lambda args: write_tar(tars / "b.tar", KEYS[5:9]))
@@ -171,7 +171,7 @@ def test_a_shard_that_cannot_be_made(cluster, one_process, tars, tmp_path, capsy
 
 
 def test_a_node_that_dies(cluster, one_process, folder, tmp_path):
-    """Killed when the first shard is finished."""
+    """A node is killed when the first shard is finished."""
     dest = tmp_path / "out"
     victim = cluster.add_node(num_cpus=1, object_store_memory=80 << 20)
     killed = []
@@ -190,7 +190,7 @@ def test_a_node_that_dies(cluster, one_process, folder, tmp_path):
 
 
 def test_an_object_store(cluster, one_process, tars, tmp_path, store):
-    """Source and destination."""
+    """An object store as source and destination."""
     source, dest = Place(store("frames")), Place(store("out"))
     for file in tars.iterdir():
         source.write(file.name, file.read_bytes())

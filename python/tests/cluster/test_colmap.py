@@ -1,4 +1,4 @@
-"""Models of COLMAP: the same bits as the program, from disks and stores."""
+"""COLMAP models on disks and in stores give the same bits as the program."""
 
 import json
 import os
@@ -21,7 +21,7 @@ PROGRAM = Path(os.environ.get("LSDC_PROGRAM", Path(__file__).parents[3] / "targe
 
 @pytest.fixture
 def scene(tmp_path):
-    """Images, and a model that sees 300 points in one of them, of which one is behind the camera."""
+    """Images, and a model with 300 points in one of them, one of which is behind the camera."""
     rng = np.random.default_rng(0)
     x, y, z = (rng.uniform(low, high, 300) for low, high in ((0, 64), (0, 48), (1, 4)))
     z[7] = -1
@@ -55,7 +55,7 @@ def test_the_bits_of_the_program(cluster, scene, tmp_path):
     folders = [f"{scene}/images", f"{scene}/sparse/0", "-o", tmp_path / "program"]
     arguments = ["--weights", "small", "--uncertainty", "--quiet"]
     found = subprocess.run([PROGRAM, "complete", *folders, *arguments], capture_output=True)
-    # The program completes the images of the folder, of which none is missing.
+    # The program completes the images in the folder, so it reports no missing ones.
     assert found.returncode == 0
     for name, column in (("depth", "depth"), ("sigma", "standard_deviation")):
         expected = np.load(tmp_path / f"program/views/a_{name}.npy")

@@ -1,4 +1,4 @@
-"""What is refused before a cluster is used."""
+"""Arguments that are refused before a cluster is used."""
 
 import subprocess
 import sys

@@ -189,13 +189,13 @@ def test_a_frame_is_given_up_after_deaths_at_it(tmp_path):
         attempts = Attempts(place, "shard")
         return [attempts.begin(key) for key in keys]
 
-    # Where the first worker died is not known.
+    # The frame at which the first worker died is unknown.
     assert attempt("a", "b") == [None, None]
     for _ in range(GIVEN_UP):
         assert attempt("a", "b") == [None, None]
     last = Attempts(place, "shard")
     assert last.begin("a") is None and f"{GIVEN_UP} workers died" in last.begin("b")
-    # What ends in an exception is no death.
+    # A frame that ends with an exception is not a death.
     last.begin("a")
     last.pause()
     assert Attempts(place, "shard").begin("a") is None

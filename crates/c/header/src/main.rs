@@ -1,4 +1,4 @@
-//! Writes `include/lsdc.h` from the types, constants and comments of `lsdc-c`, or compares it with that.
+//! Writes `include/lsdc.h` from the types, constants and comments of `lsdc-c`, or checks that it is up to date.
 //!
 //!     cargo run --release --manifest-path crates/c/header/Cargo.toml              writes it
 //!     cargo run --release --manifest-path crates/c/header/Cargo.toml -- --check   fails if it is not current
@@ -7,36 +7,35 @@ use cbindgen::{Builder, Config, DocumentationStyle, Language};
 use std::error::Error;
 use std::path::Path;
 
-/// In the order in which a reader meets them.
+/// Sources in the order of the header.
 const SOURCES: [&str; 8] =
     ["abi", "status", "input", "completer", "network_output", "scene", "completion", "alignment"];
 
 const ABOUT: &str = "\
 // lsdc: an RGB image and a few sparse depths in, a dense depth map out.
 //
-// An lsdc_completer turns an image into an lsdc_scene, which runs the network, once; a scene turns points
-// into an lsdc_completion, which runs a fit, as often as you like. Depth, standard deviations, residuals
-// and outliers are asked from the completion.
+// An lsdc_completer runs the network on an image once and creates an lsdc_scene. A scene can be fitted to
+// points any number of times, each giving an lsdc_completion, which returns depth, standard deviations,
+// residuals and outliers.
 //
-// Units. Depths are along the optical axis in metres, or in any other unit, which is then that of all
-// results. Positions are in pixels: x to the right, y down, (0, 0) is the centre of the first pixel.
+// Units. Depths are along the optical axis, in metres or any other unit; results are in the same unit.
+// Positions are in pixels: x to the right, y down, (0, 0) is the centre of the first pixel.
 // Strides and sizes of buffers are in bytes.
 //
-// Errors. A function returns LSDC_OK or one of LSDC_ERROR_...; lsdc_last_error() and lsdc_last_hint() tell
-// this thread what was wrong and what to do. A call that fails changes nothing but the handle that it would
-// have returned, or the count of outliers, which become null and 0.
+// Errors. A function returns LSDC_OK or one of LSDC_ERROR_...; lsdc_last_error() and lsdc_last_hint() give
+// the message of the last error on the calling thread and a hint at a remedy. A failed call changes only the
+// handle that it would have returned, which becomes null, or the count of outliers, which becomes 0.
 //
-// Ownership. What the caller passes is copied, so that it may be freed or changed as soon as the call
-// returns. Handles belong to the caller, who frees each once, in any order; they are numbers, not
-// addresses. Null, freed and foreign handles give an error. That a buffer is as long as its size says
-// cannot be checked.
+// Ownership. Data passed by the caller is copied and may be freed or changed once the call returns. Handles
+// belong to the caller, who frees each once, in any order; they are numbers, not addresses. Null, freed and
+// foreign handles give an error. The library cannot check that a buffer is as long as its declared size.
 //
-// Threads. Every function may be called from any number of threads at once, on the same handle too: handles
-// do not change. The same input gives the same bits for any number of threads. After fork(), a child makes
-// a completer of its own: work with those of its parent gives LSDC_ERROR_HANDLE.
+// Threads. Every function may be called from any number of threads at once, also on the same handle: handles
+// are immutable. The same input gives the same bits for any number of threads. After fork(), a child process
+// must create its own completer: computing with its parent's handles gives LSDC_ERROR_HANDLE.
 //
-// Structures begin with their size, so that fields can be added at their end: a program that was compiled
-// with an older header keeps working. Set struct_size, leave the other fields that you do not need 0:
+// Structures begin with their size, so fields can be added at their end and programs compiled with an older
+// header keep working. Set struct_size, and leave fields that you do not need 0:
 //
 //     lsdc_image image = {.struct_size = sizeof image, .data = pixels, .size = 3 * 640 * 480,
 //                         .width = 640, .height = 480, .format = LSDC_RGB8};

@@ -1,4 +1,4 @@
-// What can be done on the page.
+// Actions on the page.
 
 import { Fitter } from "./fitter.ts";
 import { sorted } from "./files.ts";
@@ -11,7 +11,7 @@ import { DRAFT, NO_LIMIT, renewed, VIEW, type Draft, type Fit, type View } from 
 import { FORMATS, ServiceError, type Demo, type Format, type Intrinsics, type Service } from "./service.ts";
 import { Store, type Notice, type Pixel, type Scene } from "./state.ts";
 
-/** More points than these come thinned out; a slider takes all of them. */
+/** Number of points above which the map uses only this many at first; a slider raises the number. */
 const EASY = 5000;
 
 interface Opening {
@@ -28,7 +28,7 @@ export class App {
   });
   private history = new History<Draft>(DRAFT);
   private readonly fitter: Fitter;
-  /** Settings of a link whose image is not open yet. */
+  /** Settings from a link whose image has not been opened yet. */
   private linked: link.Linked | null = null;
   private addressTimer = 0;
 
@@ -147,10 +147,9 @@ export class App {
     this.apply();
   }
 
-  /** Where a new point would be, or that there is none. */
+  /** Sets the position of a new point whose depth is not accepted yet, or clears it. */
   propose = (pending: Pixel | null): void => this.store.set({ pending });
 
-  /** Adds a point. */
   add(u: number, v: number, depth: number): void {
     const { draft, scene } = this.store.state;
     if (!scene || !(depth > 0)) return;
@@ -216,7 +215,7 @@ export class App {
     if (draft !== before.draft) this.fitter.request();
   }
 
-  // Looking
+  // View
 
   look(change: Partial<View>): void {
     const before = this.store.state.view;
@@ -234,7 +233,7 @@ export class App {
     return answer ? sampled(answer.layers.depth, answer.layers.width, answer.layers.height, u, v) : null;
   }
 
-  /** The camera of the scene, or one of the assumed field of view. */
+  /** The camera of the scene, or one with the assumed field of view. */
   camera(): Intrinsics {
     const { scene, view } = this.store.state;
     if (!scene) return { fx: 1, fy: 1, cx: 0, cy: 0 };
@@ -260,7 +259,7 @@ export class App {
     return contents ? { name: stem + FORMATS[format].suffix, contents } : null;
   }
 
-  /** The address with all settings. */
+  /** The address of the page with all settings. */
   link(): string {
     const { scene, draft, view } = this.store.state;
     const points = scene && draft.points === scene.given && !("file" in scene.source) ? null : draft.points;
@@ -269,7 +268,7 @@ export class App {
     return `${location.origin}${location.pathname}#${fragment}`;
   }
 
-  /** Settings to apply as soon as their image is open. `instead` opens another, if there is one. */
+  /** Keeps the settings of a link until its image is open. `instead` is an action that opens another image. */
   expect(linked: link.Linked, instead: Notice["action"] | null = null): void {
     this.linked = linked;
     this.store.set({ view: { ...this.store.state.view, theme: linked.view.theme } });
@@ -279,7 +278,7 @@ export class App {
     }
   }
 
-  /** Keeps the address of the page up to date, some time after the last change. */
+  /** Updates the address of the page 400 ms after the last change. */
   private address(): void {
     clearTimeout(this.addressTimer);
     this.addressTimer = window.setTimeout(() => {
@@ -287,7 +286,7 @@ export class App {
     }, 400);
   }
 
-  // Saying
+  // Notices
 
   note(message: string, hint: string | null = null, action: Notice["action"] | null = null): void {
     this.store.set({ notice: { kind: "note", message, hint, ...(action && { action }) } });

@@ -1,9 +1,9 @@
-// Elements of the page.
+// Creates elements of the page.
 
 type Props = Record<string, unknown>;
 type Child = Node | string | null | undefined | false;
 
-/** An element. `onclick` and the like are listeners, `class` and what the element has no property for are attributes. */
+/** Creates an element. `onclick` and the like are listeners; `class`, and names that are no property, are attributes. */
 export function h<Tag extends keyof HTMLElementTagNameMap>(tag: Tag, props: Props = {}, ...children: Child[]): HTMLElementTagNameMap[Tag] {
   const element = document.createElement(tag);
   for (const [key, value] of Object.entries(props)) {
@@ -46,7 +46,7 @@ export function iconButton(name: keyof typeof SHAPES, label: string, onclick: ()
 }
 
 let names = 0;
-/** A name for an element that a label refers to. */
+/** A unique name of an element, for labels that refer to it. */
 export const unique = (stem: string): string => `${stem}-${++names}`;
 
 export interface Control<T> {
@@ -54,7 +54,7 @@ export interface Control<T> {
   set(value: T): void;
 }
 
-/** Radio buttons that look like one switch. */
+/** Radio buttons drawn as one segmented switch. */
 export function segments<T extends string>(label: string, choices: readonly (readonly [T, string])[], choose: (value: T) => void): Control<T> {
   const name = unique("segments");
   const inputs = new Map<T, HTMLInputElement>();
@@ -87,13 +87,13 @@ interface Slide {
   readonly label: string;
   readonly hidden?: boolean;
   readonly steps: number;
-  /** What is written beside the slider, and read to those who cannot see it. */
+  /** Value of a step as text, shown beside the slider and read by screen readers. */
   readonly text: (step: number) => string;
   readonly change: (step: number) => void;
   readonly done?: () => void;
 }
 
-/** A slider over whole steps from 0. */
+/** A slider over the integers from 0 to `steps`. */
 export function slider({ label, hidden, steps, text, change, done }: Slide): Control<number> & { limit(steps: number): void } {
   const input = h("input", { type: "range", min: "0", max: String(steps), step: "1", "aria-label": label });
   const output = h("span", { class: "amount", "aria-hidden": "true" });
@@ -119,14 +119,14 @@ export function slider({ label, hidden, steps, text, change, done }: Slide): Con
   };
 }
 
-/** The file as one that the browser saves. */
+/** Starts the download of a file. */
 export function save(name: string, contents: Blob): void {
   const href = URL.createObjectURL(contents);
   h("a", { href, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(href), 60_000);
 }
 
-/** A canvas as large as its place on the screen, and the pixels of the screen for each of the page. */
+/** Resizes a canvas to the resolution of the screen and returns device pixels per CSS pixel, at most 3. */
 export function sized(canvas: HTMLCanvasElement, width: number, height: number): number {
   const density = Math.min(3, window.devicePixelRatio || 1);
   const [w, h] = [Math.max(1, Math.round(width * density)), Math.max(1, Math.round(height * density))];
@@ -134,7 +134,7 @@ export function sized(canvas: HTMLCanvasElement, width: number, height: number):
   return density;
 }
 
-/** The colours of the page, for canvases. */
+/** Colours of the page, for drawing on canvases. */
 export function inks(element: Element): Record<"ink" | "quiet" | "line" | "paper" | "well" | "mark", string> {
   const style = getComputedStyle(element);
   const colour = (name: string) => style.getPropertyValue(`--${name}`).trim();

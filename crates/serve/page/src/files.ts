@@ -1,4 +1,4 @@
-// Which of some files is the image, which holds points, and which the camera.
+// Tells image, points and camera apart among opened files.
 
 export interface Sorted {
   readonly image: File | null;
@@ -39,7 +39,7 @@ async function kindOf(file: File, haveImage: boolean): Promise<"image" | "points
   return file.type.startsWith("image/") ? "image" : null;
 }
 
-/** 16 bits of grey: a depth map. */
+/** Whether a PNG has 16 bits of grey and is taken for a depth map. */
 async function isDepthPng(file: File): Promise<boolean> {
   const header = new Uint8Array(await file.slice(0, 26).arrayBuffer());
   return header[24] === 16 && header[25] === 0;

@@ -1,4 +1,4 @@
-// Keeps the map in step with the points: depth at once, and what takes longer when nothing has changed for a moment.
+// Fits the map when points change: depth at once, slower results once the points have not changed for a moment.
 
 import { Latest } from "./model/latest.ts";
 import type { Layers } from "./model/layers.ts";
@@ -33,7 +33,7 @@ export class Fitter {
   constructor(
     private readonly service: Service,
     private readonly store: Store,
-    /** The service no longer knows the image. */
+    /** Posts the image again after the service has dropped it. */
     private readonly renew: (scene: Scene) => Promise<Scene>,
     private readonly failed: (error: unknown) => void,
   ) {}
@@ -61,7 +61,7 @@ export class Fitter {
     return summary(layers, draft, indices, (performance.now() - started) / 1000, this.store.state.answer);
   }
 
-  /** Tries again where the image has expired, or where the service is busy and says when it will not be. */
+  /** Tries once more if the image has expired, or if the service is busy, after the delay that it names (at most 5 s). */
   private async patiently<T>(scene: Scene, ask: (id: string) => Promise<T>): Promise<T> {
     const known = this.store.state.scene;
     const id = known && known.file === scene.file ? known.id : scene.id;

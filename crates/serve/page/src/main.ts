@@ -1,12 +1,12 @@
-// The page of `lsdc view` and `lsdc serve`, and of a folder of static files, which completes images in the browser.
+// Entry point: the page of `lsdc view` and `lsdc serve`, or static files that complete images in the browser.
 
 import { open } from "./page.ts";
 import { server } from "./server.ts";
 
-/** Whether the files are those of a folder (build.mjs): the page of the program is always served by it. */
+/** Whether this is the build of static files (build.mjs). */
 declare const STATIC: boolean;
 
-/** Whether a program answers at this address. A folder has the same address as a file, or none. */
+/** Whether a program serves the page. Static hosting has a file at the same address, or none. */
 async function isServed(): Promise<boolean> {
   const reply = await fetch("v1/start").catch(() => null);
   if (!reply || reply.status === 404) return false;

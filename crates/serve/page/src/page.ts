@@ -1,4 +1,4 @@
-// The page.
+// Assembles the page from its views.
 
 import "./style/page.css";
 import { App } from "./app.ts";
@@ -21,7 +21,7 @@ import { Readout } from "./views/readout.ts";
 import { Stage } from "./views/stage.ts";
 import { StartPage } from "./views/start.ts";
 
-/** Fills the document with the page. */
+/** Builds the page in the document. */
 export function open(service: Service): void {
   const app = new App(service);
   const stage = new Stage(app, () => profile.redraw());
@@ -101,7 +101,7 @@ export function open(service: Service): void {
     app.close();
   }
 
-  // Files, from anywhere on the page.
+  // Files can be dropped anywhere on the page.
   for (const kind of ["dragover", "dragenter"] as const) {
     document.addEventListener(kind, (event) => {
       if (!event.dataTransfer?.types.includes("Files")) return;
@@ -151,7 +151,7 @@ export function open(service: Service): void {
     }
     const { source } = linked;
     const opened = () => app.openAddresses(started.image!, started.points ?? null, started.camera ?? null, started.name);
-    // An image of one's own is not in the address: after a reload, no other takes its place unasked.
+    // The address does not contain the user's image; after a reload, do not open another one unasked.
     const other = Boolean(source && "file" in source && source.file !== started.name);
     const instead = other && started.image ? { label: `Open ${started.name ?? "the first image"}`, run: () => (app.dismiss(), void opened()) } : null;
     if (location.hash.length > 1) app.expect(linked, instead);

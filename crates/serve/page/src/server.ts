@@ -1,4 +1,4 @@
-// The program behind the page, over HTTP.
+// Client of the program behind the page, over HTTP.
 
 import { decoded } from "./model/layers.ts";
 import { row, type Point } from "./model/points.ts";
@@ -77,7 +77,7 @@ function refusal(reply: Response, text: string): ServiceError {
   try {
     error = JSON.parse(text).error ?? {};
   } catch {
-    // Not from the service itself; the status has to do.
+    // Not an answer of the service: report the status alone.
   }
   return new ServiceError(
     error.message ?? `the program answered with status ${reply.status}`,

@@ -1,10 +1,10 @@
-// What the page needs of whatever completes its images.
+// Interface to the service that completes the images of the page.
 
 import type { Layers } from "./model/layers.ts";
 import type { Point } from "./model/points.ts";
 import type { Fit } from "./model/settings.ts";
 
-/** What went wrong, and what to do about it. */
+/** An error, with a hint at what to do about it. */
 export class ServiceError extends Error {
   constructor(
     message: string,
@@ -68,7 +68,7 @@ export interface Run {
 
 export type Asked = "depth" | "standard_deviation" | "outliers";
 
-/** What can be downloaded. */
+/** Formats of downloads. */
 export const FORMATS = {
   png: { type: "image/png", suffix: "_depth.png", label: "PNG", note: "16 bits, millimetres" },
   exr: { type: "image/x-exr", suffix: "_depth.exr", label: "EXR", note: "float32, metres" },
@@ -78,10 +78,10 @@ export const FORMATS = {
 } as const;
 export type Format = keyof typeof FORMATS;
 
-/** A fit, and which pixels a cloud has. */
+/** Settings of the fit, and of the pixels that a cloud keeps. */
 export type Options = Fit & { readonly max_sigma?: number | null; readonly max_relative_sigma?: number; readonly keep_flying?: boolean };
 
-/** An image that was posted. */
+/** An image posted to the service. */
 export interface Posted {
   readonly id: string;
   readonly file: File;
@@ -89,11 +89,11 @@ export interface Posted {
   readonly height: number;
 }
 
-/** What completes images for the page: the program behind it, or a worker in the browser. */
+/** Completes images for the page: a client of the program, or a worker in the browser. */
 export interface Service {
-  /** The kinds of files that it reads, in words. */
+  /** Description of the supported files. */
   readonly reads: string;
-  /** Whether it reads the files of cameras. */
+  /** Whether camera files are supported. */
   readonly cameras: boolean;
   readonly formats: readonly Format[];
   start(): Promise<Start>;
@@ -101,10 +101,10 @@ export interface Service {
   gallery(): Promise<{ runs: Run[] }>;
   file(address: string): Promise<Blob>;
   post(image: File, camera: File | null): Promise<PostedScene>;
-  /** Frees what it keeps of an image. It would expire anyway. */
+  /** Releases an image before it expires. */
   forget(id: string): void;
   fit(id: string, points: readonly Point[] | File, fit: Fit, layers: readonly Asked[]): Promise<Layers>;
   download(id: string, points: readonly Point[], options: Options, format: Format): Promise<Blob>;
-  /** A point cloud of an image that was posted without its camera. */
+  /** The point cloud of an image that was posted without a camera. */
   cloud(scene: Posted, points: readonly Point[], options: Options, camera: Intrinsics): Promise<Blob>;
 }

@@ -1,4 +1,4 @@
-// All that the page shows, as one immutable value, and who is told when it changes.
+// State of the page as one immutable value, and a store that notifies listeners of changes.
 
 import type { Fitted, Layers } from "./model/layers.ts";
 import type { Source } from "./model/link.ts";
@@ -6,7 +6,7 @@ import type { Point } from "./model/points.ts";
 import type { Draft, View } from "./model/settings.ts";
 import type { Intrinsics } from "./service.ts";
 
-/** An image that the service knows. */
+/** The open image. */
 export interface Scene {
   readonly id: string;
   readonly name: string;
@@ -18,34 +18,34 @@ export interface Scene {
   readonly camera: Intrinsics | null;
   readonly cameraFile: File | null;
   readonly source: Source;
-  /** The points that came with the image. */
+  /** Points that came with the image. */
   readonly given: readonly Point[];
   readonly pointsName: string | null;
-  /** What was assumed when the file of points was read. */
+  /** Assumptions made when the file of points was read. */
   readonly remarks: readonly string[];
 }
 
-/** A fit. */
+/** The result of a fit. */
 export interface Answer {
   readonly draft: Draft;
   readonly layers: Layers;
-  /** By index of the draft's points; null for those not used. */
+  /** Results at the points of the draft, by index; null for points not used. */
   readonly fitted: readonly (Fitted | null)[];
-  /** The latest there is; that of an earlier fit if `stale`. */
+  /** Latest standard deviations; from an earlier fit if `stale`. */
   readonly deviation: Float32Array | null;
   readonly stale: boolean;
   readonly low: number;
   readonly high: number;
-  /** The depths that 1, 50 and 99 % of pixels are below. */
+  /** Quantiles of the depths: 1, 50 and 99 %. */
   readonly near: number;
   readonly middle: number;
   readonly far: number;
-  /** The deviation that 98 % of pixels are below, and the middle one. */
+  /** 98 % quantile and median of the standard deviations. */
   readonly highDeviation: number;
   readonly middleDeviation: number;
   /** Root mean square of the errors at points that were not used. */
   readonly heldOut: number | null;
-  /** From request to answer. */
+  /** Time from request to answer. */
   readonly seconds: number;
 }
 
@@ -69,11 +69,11 @@ export interface State {
   readonly view: View;
   readonly selected: number | null;
   readonly cursor: Pixel | null;
-  /** Where a new point would be: none of the draft's until its depth is accepted. */
+  /** Position of a new point, which joins the draft once its depth is accepted. */
   readonly pending: Pixel | null;
-  /** Whether the answer is not yet that to the draft, with all that takes longer. */
+  /** Whether results of the current draft, slow ones included, are still missing. */
   readonly fitting: boolean;
-  /** What is being waited for, in words. */
+  /** Description of the operation in progress. */
   readonly waiting: string | null;
   readonly notice: Notice | null;
   readonly canUndo: boolean;
@@ -90,7 +90,7 @@ export class Store {
     return this.value;
   }
 
-  /** Told of changes once a frame. */
+  /** Calls the listener at most once per animation frame, after changes. */
   watch(listener: (state: State) => void): void {
     this.listeners.push(listener);
     this.schedule();

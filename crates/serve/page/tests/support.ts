@@ -1,5 +1,5 @@
-// A browser, and the service that it looks at: LSDC_VIEW_URL is the address that `lsdc view` prints, LSDC_GALLERY_URL that
-// of one with a results folder. CHROMIUM is the browser, LSDC_SCREENSHOTS a folder for pictures.
+// A browser for the tests. LSDC_VIEW_URL is the address that `lsdc view` prints, LSDC_GALLERY_URL that of one with a results
+// folder, CHROMIUM the browser, and LSDC_SCREENSHOTS a folder for screenshots.
 
 import assert from "node:assert/strict";
 import { mkdirSync, readFileSync } from "node:fs";
@@ -17,7 +17,7 @@ export const launch = (): Promise<Browser> =>
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
     args: [
       "--no-sandbox",
-      // Without a graphics card: WebGL in software, all else without it.
+      // No graphics card is needed: WebGL runs in software, everything else without WebGL.
       "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing", "--disable-accelerated-2d-canvas",
       "--disable-background-networking", "--disable-component-update", "--disable-sync",
     ],
@@ -26,11 +26,11 @@ export const launch = (): Promise<Browser> =>
 export interface Visit {
   readonly page: Page;
   readonly context: BrowserContext;
-  /** What the page reported to the console. */
+  /** Uncaught errors of the page, and errors logged to the console. */
   readonly faults: string[];
 }
 
-/** A page of its own, with the cookie that the printed address gives. */
+/** Opens a page in a new context, with the cookie that the printed address sets. */
 export async function visit(browser: Browser, fragment = "", options: BrowserContextOptions = {}, address = VIEW): Promise<Visit> {
   if (!address) throw new Error("LSDC_VIEW_URL is not set: the address that `lsdc view` prints");
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, acceptDownloads: true, ...options });
@@ -47,9 +47,9 @@ export async function visit(browser: Browser, fragment = "", options: BrowserCon
   return { page, context, faults };
 }
 
-/** Until the map is that of the points, with all that takes longer. */
+/** Waits until all results of the current points, slow ones included, are shown. */
 export async function settled(page: Page): Promise<void> {
-  // What was just done shows in the next frame.
+  // An action takes effect in the next frame.
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
   await page.waitForSelector('body[data-showing="work"][data-fitting="false"]', { timeout: 90_000 });
 }
@@ -70,7 +70,7 @@ export async function openImage(page: Page, ...files: (string | readonly [name: 
   await page.locator('input[aria-label="Open an image, and its points"]').first().setInputFiles(payload);
 }
 
-/** Where a pixel of the image is on the screen, on a stage that is not magnified. */
+/** Position of an image pixel on the screen, on a stage that is not magnified. */
 export async function place(page: Page, u: number, v: number, [columns, rows] = [304, 228]): Promise<{ x: number; y: number }> {
   const box = (await page.locator(".stage .area").boundingBox())!;
   const scale = Math.min(box.width / columns!, box.height / rows!);
@@ -80,7 +80,7 @@ export async function place(page: Page, u: number, v: number, [columns, rows] = 
   };
 }
 
-/** The depth that the page shows at a pixel, in metres. */
+/** Depth shown at a pixel, in metres. */
 export async function depthAt(page: Page, u: number, v: number): Promise<number> {
   const { x, y } = await place(page, u, v);
   await page.mouse.move(x, y);
@@ -97,11 +97,11 @@ export async function setDepth(page: Page, u: number, v: number, depth: number):
   await page.waitForSelector(".editor", { state: "hidden" });
 }
 
-/** Until the table has so many points. */
+/** Waits until the table has `many` points. */
 export const rows = (page: Page, many: number): Promise<unknown> =>
   page.waitForFunction((many) => document.querySelectorAll(".list tbody tr").length === many, many);
 
-/** The address with all settings, once it says so. */
+/** Waits until the fragment of the address matches, and returns its settings. */
 export async function settings(page: Page, has: RegExp = /#./): Promise<URLSearchParams> {
   await page.waitForURL((url) => has.test(url.hash));
   return new URLSearchParams(new URL(page.url()).hash.slice(1));

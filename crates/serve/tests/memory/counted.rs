@@ -1,4 +1,4 @@
-//! The memory that is in use, and the most that ever was.
+//! An allocator that counts the memory in use, and its peak.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,7 +11,7 @@ static MOST: AtomicUsize = AtomicUsize::new(0);
 #[global_allocator]
 static ALLOCATOR: Counted = Counted;
 
-// SAFETY: hands all on to the system.
+// SAFETY: every call is forwarded to the system's allocator.
 unsafe impl GlobalAlloc for Counted {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let now = NOW.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
@@ -30,7 +30,7 @@ pub(crate) fn now() -> usize {
     NOW.load(Ordering::Relaxed)
 }
 
-/// The most bytes in use while `work` runs, beyond those before.
+/// Peak of the bytes in use while `work` runs, above those before.
 pub(crate) fn most(work: impl FnOnce()) -> usize {
     let before = now();
     MOST.store(before, Ordering::Relaxed);

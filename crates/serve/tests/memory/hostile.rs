@@ -1,4 +1,4 @@
-//! Forty requests that nobody should send, one after the other to one service.
+//! Sends forty hostile requests, one after the other, to one service.
 
 use crate::client::{Reply, Running, asset, file, request, text};
 use crate::requests::{Expected, hostile};
@@ -9,7 +9,7 @@ use std::io::Write as _;
 use std::sync::PoisonError;
 use std::time::Duration;
 
-/// Small bounds, so that everything is beyond one of them.
+/// Small limits, so that every request exceeds one of them.
 pub(crate) fn limits() -> Limits {
     Limits {
         body: 1 << 20,
@@ -23,11 +23,11 @@ pub(crate) fn limits() -> Limits {
     }
 }
 
-/// Bytes that a refused request may take: its body, and what a file may unfold to.
+/// Largest number of bytes for a refused request: its body, and the decompressed size of a file.
 const MOST: usize = 4 << 20;
 
-/// Bytes that one may take that is answered all the same: up to 24 MiB of the network, independent parts of which may run at
-/// the same time, and 30 MiB of the field's update matrices, which are freed after each image.
+/// Largest number of bytes for a request that is completed nevertheless: up to 24 MiB for the network, independent parts of
+/// which may run at the same time, and 30 MiB for the field's update matrices, which are freed after each image.
 const MOST_ANSWERED: usize = 64 << 20;
 
 #[test]
@@ -87,13 +87,13 @@ fn forty_hostile_requests_do_no_harm() {
     check_documents();
 }
 
-/// The memory of bodies is that of the places, however many clients send one.
+/// The number of places limits the memory of bodies, however many clients send one.
 #[test]
 fn bodies_take_no_more_memory_than_their_places() {
     const BODY: usize = 2 << 20;
     const PLACES: usize = 3;
     const CLIENTS: usize = 24;
-    /// A vector that grows, and buffers of connections.
+    /// Growing vectors, and the buffers of connections.
     const ROOM: usize = PLACES * 3 * BODY + CLIENTS * (256 << 10);
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let service = Running::new(Config {
@@ -113,7 +113,7 @@ fn bodies_take_no_more_memory_than_their_places() {
     let layers = request(service.address, "POST", &path, &headers, body.as_bytes());
     let (most, rest) = layers.split_at(layers.len() - 1);
     let mut streams: Vec<_> = (0..CLIENTS).map(|_| service.connect()).collect();
-    // What the computations take comes after the last byte.
+    // Computations, with their memory, begin after the last byte.
     let taken = counted::most(|| {
         for stream in &mut streams {
             stream.write_all(most).unwrap();
@@ -133,7 +133,7 @@ fn bodies_take_no_more_memory_than_their_places() {
     const { assert!(ROOM < CLIENTS * BODY) };
 }
 
-/// `hostile.md` lists them all, with their statuses.
+/// Checks that `hostile.md` lists all requests with their statuses.
 fn check_documents() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
     let guide = std::fs::read_to_string(root.join("tests/memory/hostile.md")).unwrap();
@@ -143,7 +143,7 @@ fn check_documents() {
     }
 }
 
-/// A good request, for comparison, even where an earlier one has left its buffers behind.
+/// A good request for comparison; buffers of earlier requests may still be allocated.
 #[test]
 fn a_good_request_takes_more_than_a_refused_one() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,4 +1,4 @@
-//! What requests cost in memory: hostile ones, and scenes that are kept.
+//! Memory use of hostile requests, and of cached scenes.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, unsafe_code)]
 
@@ -12,5 +12,5 @@ mod scene;
 
 use std::sync::Mutex;
 
-/// One measurement at a time.
+/// Serialises measurements.
 static ALONE: Mutex<()> = Mutex::new(());

@@ -5,14 +5,14 @@ use image::{ExtendedColorType, ImageEncoder as _};
 use lsdc_files::DepthMap;
 use std::net::SocketAddr;
 
-/// A request, what is to become of it, and how it is described.
+/// A description, the bytes of a request, and the expected outcome.
 pub(crate) struct Case {
     pub(crate) sent: &'static str,
     pub(crate) bytes: Vec<u8>,
     pub(crate) expected: Expected,
 }
 
-/// What is to become of a request.
+/// Expected outcome of a request.
 pub(crate) enum Expected {
     Status(u16),
     /// The connection is closed.
@@ -30,7 +30,7 @@ impl Expected {
 
 const POINTS: &str = "[[10, 20, 2.0], [200, 100, 2.5]]";
 
-/// All of them.
+/// Returns all hostile requests.
 pub(crate) fn hostile(address: SocketAddr) -> Vec<Case> {
     let mut all = Vec::new();
     let mut add = |sent, bytes, status| {
@@ -54,7 +54,7 @@ pub(crate) fn hostile(address: SocketAddr) -> Vec<Case> {
 
 type Add<'a> = dyn FnMut(&'static str, Vec<u8>, u16) + 'a;
 
-/// Heads that are none, too long, or lead elsewhere.
+/// Heads that are malformed, too long, or refer to other hosts or paths.
 fn heads(address: SocketAddr, add: &mut Add<'_>) {
     let get = |path: &str, headers: &[(&str, &str)]| request(address, "GET", path, headers, &[]);
     add(
@@ -132,7 +132,7 @@ fn heads(address: SocketAddr, add: &mut Add<'_>) {
     );
 }
 
-/// Bodies that are missing, broken or endless.
+/// Bodies that are missing, malformed or endless.
 fn bodies(address: SocketAddr, add: &mut Add<'_>) {
     let post = |headers: &[(&str, &str)], body: &[u8]| {
         request(address, "POST", "/v1/complete", headers, body)
@@ -226,7 +226,7 @@ fn bodies(address: SocketAddr, add: &mut Add<'_>) {
     add("an unknown option", complete(address, "*/*", &small), 400);
 }
 
-/// Files that are no images, or larger than they look.
+/// Files that are not images, or larger than they appear.
 fn images(address: SocketAddr, add: &mut Add<'_>) {
     let with = |name: &str, bytes: &[u8]| {
         complete(
@@ -280,7 +280,7 @@ fn images(address: SocketAddr, add: &mut Add<'_>) {
     );
 }
 
-/// The image as JPEG.
+/// Encodes the image as JPEG.
 fn jpeg(png: &[u8]) -> Vec<u8> {
     let image = image::load_from_memory(png).unwrap().into_rgb8();
     let mut bytes = std::io::Cursor::new(Vec::new());
@@ -290,7 +290,7 @@ fn jpeg(png: &[u8]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Points that are none, too many, or unfold.
+/// Points that are malformed, too many, or decompress to a large size.
 fn points(address: SocketAddr, add: &mut Add<'_>) {
     let rgb = asset("rgb.png");
     let list = |list: &str| {
@@ -348,7 +348,7 @@ fn points(address: SocketAddr, add: &mut Add<'_>) {
     );
 }
 
-/// Cameras.
+/// Malformed cameras.
 fn others(address: SocketAddr, add: &mut Add<'_>) {
     let rgb = asset("rgb.png");
     let with = |camera: Part<'_>| {
@@ -376,7 +376,7 @@ fn complete(address: SocketAddr, accept: &str, parts: &[Part<'_>]) -> Vec<u8> {
     request(address, "POST", "/v1/complete", &headers, &body)
 }
 
-/// Four thousand pixels square, all of them black.
+/// A black PNG of four thousand pixels square.
 fn bomb() -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder = image::codecs::png::PngEncoder::new_with_quality(

@@ -1,4 +1,4 @@
-//! A scene takes no more memory than is counted for it.
+//! A scene takes no more memory than the service counts for it.
 
 use crate::{ALONE, counted};
 use lsdc_core::{Channels, Completer, Image, Observations, Weights};
@@ -25,11 +25,11 @@ fn what_is_counted_for_a_scene_is_what_it_takes() {
             drop(depth);
             scene
         };
-        // What is kept for all scenes is made with the first; while it lives, its buffers are not used again.
+        // The first scene allocates what all scenes share; while it is alive, its buffers are not reused.
         let first = make();
         let before = counted::now();
         let scene = make();
-        // The service keeps the image beside it.
+        // The service also keeps the image.
         let taken = counted::now() - before + rgb.len();
         let counted = scene_bytes(width, height) as usize;
         println!("{width}x{height}: {taken} bytes, {counted} counted");

@@ -1,4 +1,4 @@
-//! Tokens, other machines, and HTTPS.
+//! Access tokens, requests from other machines, and HTTPS.
 
 use crate::client::{Reply, Running, completer, request};
 use lsdc_serve::{Access, Config, Error, Server, Tls};
@@ -119,7 +119,7 @@ fn https_answers_and_nothing_else_does() {
     secure.write_all(&ask).unwrap();
     assert_eq!(Reply::read(&mut secure).unwrap().status, 200);
 
-    // Plain text is no handshake.
+    // Plain HTTP is not a TLS handshake.
     assert!(service.send(&ask).is_none());
 
     for config in [

@@ -1,4 +1,4 @@
-//! Answers are those of the library, to the bit.
+//! Answers match the library bit for bit.
 
 use crate::client::{Reply, Running, asset, asset_path, completer, file, text};
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
@@ -22,7 +22,7 @@ fn expected(fit: FitConfig) -> Completion {
     scene.complete(&points.points).unwrap()
 }
 
-/// The bytes of each form, as the library makes them.
+/// Returns the bytes of each format, as written by the library.
 fn forms(found: &Completion) -> Vec<(&'static str, Vec<u8>)> {
     let (depth, deviation) = (found.depth().unwrap(), found.standard_deviation().unwrap());
     let rgb = read_rgb(&asset_path("rgb.png")).unwrap();
@@ -57,7 +57,7 @@ fn forms(found: &Completion) -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// The header and the maps of the page's form.
+/// Decodes the header and the maps of the page's format.
 fn layers(reply: &Reply) -> (serde_json::Value, Vec<f32>) {
     let (length, rest) = reply.body.split_at(4);
     let length = u32::from_le_bytes(length.try_into().unwrap()) as usize;
@@ -177,7 +177,7 @@ fn clouds_leave_out_what_is_not_measured_and_count_it() {
     );
 }
 
-/// What is said of each point.
+/// Checks the results at each point.
 fn check_points(header: &serde_json::Value, found: &Completion) {
     let (residuals, others) = (found.residuals(), found.leave_one_out());
     let outliers = found.outliers().unwrap();
@@ -242,7 +242,7 @@ fn points_may_be_a_list_and_what_is_left_out_is_said() {
     let index = |number: usize| header["points"][number]["index"].clone();
     assert_eq!([index(0), index(1), index(2)], [0, 1, 4]);
 
-    // The same as JSON to a scene, and in the order of the library.
+    // The same points as JSON, for a scene.
     let scene = service.post("/v1/scenes", "*/*", &[image]).json();
     let scene = format!("/v1/scenes/{}/complete", scene["id"].as_str().unwrap());
     let json = format!("{{\"points\": {list}, \"options\": {{\"layers\": [\"depth\"]}}}}");
@@ -257,17 +257,17 @@ fn points_may_be_a_list_and_what_is_left_out_is_said() {
     assert_eq!(quick["points"][0]["outlier"], serde_json::Value::Null);
     assert_eq!(full["points"][0]["outlier"], false);
 
-    // One standard deviation for all that have none of their own.
+    // One standard deviation for all points without their own.
     let options = text("options", "{\"sigma\": 0.1}");
     let (header, _) = layers_of(&[image, text("points", list), options]);
     assert_eq!(header["report"]["remarks"].as_array().unwrap().len(), 0);
 }
 
-/// What is doubted of image, camera and points is in every answer, by the names that the client has given its files.
+/// Every answer contains the remarks on image, camera and points, with the client's names of the files.
 #[test]
 fn doubts_of_all_files_are_remarks() {
     let service = Running::new(Config::default());
-    // 12 bits in 16.
+    // 12-bit values in 16 bits.
     let rgb = image::load_from_memory(&asset("rgb.png")).unwrap();
     let deep = image::ImageBuffer::from_fn(rgb.width(), rgb.height(), |x, y| {
         let image::Rgba([r, g, b, _]) = image::GenericImageView::get_pixel(&rgb, x, y);
@@ -300,7 +300,7 @@ fn doubts_of_all_files_are_remarks() {
     let path = format!("/v1/scenes/{}/complete", scene["id"].as_str().unwrap());
     let reply = service.post(&path, "application/vnd.lsdc.layers", &[points]);
     words(&layers(&reply).0["report"]["remarks"], &all);
-    // Millimetres in a list of metres.
+    // Millimetres in a list that must be in metres.
     let list = "{\"points\": [[10, 20, 2000], [200, 100, 2500], [150, 50, 3000]]}";
     let json = [("content-type", "application/json")];
     let reply = service.ask("POST", &path, &json, list.as_bytes());
@@ -325,7 +325,7 @@ fn a_single_click_is_enough() {
     let (header, values) = layers(&reply);
     let at = values[110 * 304 + 150];
     assert!((at / 2.5 - 1.0).abs() < 0.05, "{at}");
-    // What cannot be estimated is said, not made up.
+    // Each layer that cannot be estimated is replaced by a remark.
     let layers = header["layers"].as_array().unwrap().len();
     let remarks = header["report"]["remarks"].as_array().unwrap().len();
     assert_eq!(layers + remarks, 2, "{header}");

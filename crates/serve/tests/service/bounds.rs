@@ -1,4 +1,4 @@
-//! Every bound, and what is beyond it.
+//! Every limit, and requests that exceed it.
 
 use crate::client::{Reply, Running, asset, file, form, request, text};
 use lsdc_serve::{Config, Limits};
@@ -22,7 +22,7 @@ fn complete(service: &Running, points: &str) -> Reply {
 
 const POINTS: &str = "[[10, 20, 2.0], [200, 100, 2.5]]";
 
-/// A refusal with a word for people, and the same after it as before.
+/// Checks that a request was refused with a word in its message, and that the service still works.
 fn refused(service: &Running, reply: &Reply, status: u16, word: &str) {
     assert_eq!(
         reply.status,
@@ -43,7 +43,7 @@ fn bytes_are_counted_declared_or_not() {
     let parts = [file("image", "rgb.png", &large), text("points", POINTS)];
     let reply = service.post("/v1/complete", "*/*", &parts);
     refused(&service, &reply, 413, "200000 bytes");
-    // In pieces, without a word before of how many.
+    // In chunks, without a declared length.
     let (kind, body) = form(&parts);
     let mut chunked = Vec::new();
     for piece in body.chunks(10_000) {
@@ -63,7 +63,7 @@ fn bytes_are_counted_declared_or_not() {
 fn pixels_are_counted_before_they_are_decoded() {
     let service = with(|limits| limits.pixels = 304 * 228 - 1);
     refused(&service, &complete(&service, POINTS), 413, "304x228 pixels");
-    // A good head is enough to be refused.
+    // The head of the file is enough to refuse it.
     let head = &asset("rgb.png")[..100];
     let parts = [file("image", "rgb.png", head), text("points", POINTS)];
     let reply = service.post("/v1/complete", "*/*", &parts);
@@ -94,7 +94,7 @@ fn points_are_counted_as_a_list_and_in_files() {
 #[test]
 fn what_files_unfold_to_is_bounded() {
     let service = with(|limits| limits.unfolded = 250_000);
-    // 304 x 228 colours fit, as many floats do not.
+    // The colours of 304 x 228 pixels fit, but not as many floats.
     assert_eq!(complete(&service, POINTS).status, 200);
     let map = lsdc_files::DepthMap::new(304, 228, vec![2.0; 304 * 228]).unwrap();
     let packed = lsdc_files::encode_npz(&[("depth", &map)]).unwrap();
@@ -136,7 +136,7 @@ fn a_slow_head_is_dropped() {
         .write_all(b"POST /v1/complete HTTP/1.1\r\nhost: local")
         .unwrap();
     let mut answer = Vec::new();
-    // Ends without a word, or with one that it took too long.
+    // The connection ends without an answer, or with a timeout.
     let _ = stream.read_to_end(&mut answer);
     assert!(
         answer.is_empty() || answer.starts_with(b"HTTP/1.1 408"),
@@ -171,12 +171,12 @@ fn idle_connections_make_room() {
     for number in 0..20 {
         let mut stream = service.connect();
         if number % 2 == 0 {
-            // A head that does not end; the connection may be closed already.
+            // An unfinished head; the connection may be closed already.
             let _ = stream.write_all(b"GET /healthz HTTP/1.1\r\nhost: ");
         }
         idle.push(stream);
     }
-    // A client that keeps its connection, and waits between its requests.
+    // A client that keeps its connection open between requests.
     let ask = request(service.address, "GET", "/healthz", &[], &[]);
     let mut kept = service.connect();
     let text = String::from_utf8(ask.clone()).unwrap();

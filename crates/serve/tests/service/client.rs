@@ -1,4 +1,4 @@
-//! A service on the loopback, and a client that can misbehave.
+//! A service on the loopback interface, and a client that can send malformed requests.
 
 use lsdc_core::{Completer, Weights};
 use lsdc_serve::{Config, Handle, Server};
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::thread::JoinHandle;
 
-/// The completer of all tests.
+/// Returns the completer shared by all tests.
 pub(crate) fn completer() -> Completer {
     static COMPLETER: OnceLock<Completer> = OnceLock::new();
     COMPLETER
@@ -17,7 +17,7 @@ pub(crate) fn completer() -> Completer {
         .clone()
 }
 
-/// A service that runs until this is dropped.
+/// A service that ends when this is dropped.
 pub(crate) struct Running {
     pub(crate) address: SocketAddr,
     pub(crate) handle: Handle,
@@ -36,7 +36,7 @@ impl Running {
         }
     }
 
-    /// Ends the service and waits for its end.
+    /// Ends the service, and waits for its thread.
     pub(crate) fn end(&mut self) {
         self.handle.end();
         if let Some(thread) = self.thread.take() {
@@ -48,7 +48,7 @@ impl Running {
         self.ask("GET", path, &[], &[])
     }
 
-    /// Posts a form, and accepts this type.
+    /// Posts a form and accepts the given type.
     pub(crate) fn post(&self, path: &str, accept: &str, parts: &[Part<'_>]) -> Reply {
         let (kind, body) = form(parts);
         self.ask(
@@ -71,7 +71,7 @@ impl Running {
             .unwrap_or_else(|| panic!("no answer to {method} {path}"))
     }
 
-    /// Sends bytes as they are. No answer if the connection is dropped.
+    /// Sends bytes unchanged. `None` if the connection is dropped without an answer.
     pub(crate) fn send(&self, bytes: &[u8]) -> Option<Reply> {
         let mut stream = self.connect();
         // The service may have stopped reading.
@@ -83,7 +83,7 @@ impl Running {
         TcpStream::connect(self.address).unwrap()
     }
 
-    /// The value of a metric.
+    /// Returns the value of a metric.
     pub(crate) fn metric(&self, name: &str) -> Option<f64> {
         let text = String::from_utf8(self.get("/metrics").body).unwrap();
         let mut lines = text.lines().filter_map(|line| line.rsplit_once(' '));
@@ -101,7 +101,7 @@ impl Drop for Running {
     }
 }
 
-/// The bytes of a request, after which the connection is closed.
+/// Returns the bytes of a request that asks to close the connection.
 pub(crate) fn request(
     address: SocketAddr,
     method: &str,
@@ -135,7 +135,7 @@ impl Reply {
     /// Reads an answer up to the end of the connection.
     pub(crate) fn read(stream: &mut impl std::io::Read) -> Option<Self> {
         let mut bytes = Vec::new();
-        // A connection that is reset after its answer has answered.
+        // The connection may be reset after the answer.
         let _ = stream.read_to_end(&mut bytes);
         let end = bytes.windows(4).position(|four| four == b"\r\n\r\n")?;
         let head = String::from_utf8(bytes[..end].to_vec()).unwrap();
@@ -165,7 +165,7 @@ impl Reply {
         serde_json::from_slice(&self.body).unwrap_or_else(|e| panic!("{e}: {self:?}"))
     }
 
-    /// What is wrong.
+    /// The error message.
     pub(crate) fn message(&self) -> String {
         self.json()["error"]["message"].as_str().unwrap().to_owned()
     }
@@ -175,7 +175,7 @@ impl Reply {
 #[derive(Clone, Copy)]
 pub(crate) struct Part<'a> {
     pub(crate) name: &'a str,
-    /// The name of its file, if it is one.
+    /// The file name; `None` if it is a text.
     pub(crate) file: Option<&'a str>,
     pub(crate) bytes: &'a [u8],
 }
@@ -192,7 +192,7 @@ pub(crate) fn text<'a>(name: &'a str, text: &'a str) -> Part<'a> {
     Part { name, file, bytes }
 }
 
-/// The type and the bytes of a form.
+/// Returns the content type and the bytes of a form.
 pub(crate) fn form(parts: &[Part<'_>]) -> (String, Vec<u8>) {
     const BOUNDARY: &str = "xxBOUNDARYxx";
     let mut body = Vec::new();

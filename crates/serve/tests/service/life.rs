@@ -1,4 +1,4 @@
-//! Requests that wait, panic, are given up, and the end of a service.
+//! Requests that wait, panic or are abandoned, and the end of a service.
 
 use crate::client::{Reply, Running, asset, file, form, request, text};
 use lsdc_serve::{Config, Limits};
@@ -7,7 +7,7 @@ use std::net::Shutdown;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 
-/// A service whose computations stop before a part until they are let on, and say that they have come there.
+/// A service whose computations report that they have reached a part, and wait there to be released.
 struct Held {
     service: Running,
     arrived: Receiver<String>,
@@ -15,11 +15,11 @@ struct Held {
     entries: Arc<Mutex<Vec<Logged>>>,
 }
 
-/// The status of a request, and what was wrong.
+/// The status of a request, and its fault.
 type Logged = (u16, Option<&'static str>);
 
 impl Held {
-    /// With one thread that computes.
+    /// Starts the service with one computing thread.
     fn before(part: &'static str, queue: usize) -> Self {
         let limits = Limits {
             workers: 1,
@@ -69,7 +69,7 @@ fn question(service: &Running) -> Vec<u8> {
     request(service.address, "POST", "/v1/complete", &headers, &body)
 }
 
-/// Asks until the metrics say so. They are counted after the fact, by other threads.
+/// Polls until a metric has the value. Other threads update the metrics, after the event.
 fn until(service: &Running, metric: &str, value: f64) {
     while service.metric(metric) != Some(value) {
         std::thread::yield_now();
@@ -115,10 +115,10 @@ fn a_client_that_goes_frees_its_place() {
     let mut waiting = service.connect();
     waiting.write_all(&question).unwrap();
     until(service, "lsdc_queue", 1.0);
-    // The one that waits leaves the queue.
+    // The waiting request leaves the queue.
     waiting.shutdown(Shutdown::Both).unwrap();
     until(service, "lsdc_queue", 0.0);
-    // The one that is worked on goes no further than its next part.
+    // The running request stops before its next part.
     working.shutdown(Shutdown::Both).unwrap();
     until(service, "lsdc_rejected_total{reason=\"gone\"}", 2.0);
     held.on.send(()).unwrap();
@@ -162,7 +162,7 @@ fn a_place_is_taken_before_the_body_is_read() {
         assert_eq!(Reply::read(&mut stream).unwrap().status, 200);
     }
     until(&service, "lsdc_places", 0.0);
-    // A request that is refused gives its place back while the rest of its body comes.
+    // A refused request frees its place before the rest of its body arrives.
     let (kind, body) = form(&[text("colour", "red"), text("points", "[[1, 1, 1]]")]);
     let headers = [("content-type", kind.as_str())];
     let wrong = request(service.address, "POST", "/v1/complete", &headers, &body);
@@ -173,7 +173,7 @@ fn a_place_is_taken_before_the_body_is_read() {
     assert_eq!(Reply::read(&mut stream).unwrap().status, 400);
 }
 
-/// More requests than there are threads for connections stop before their points are parsed.
+/// Holds as many requests before parsing as there are computing threads; other requests are still answered.
 #[test]
 fn points_are_parsed_by_the_threads_that_compute() {
     let workers = 4;
@@ -232,7 +232,7 @@ fn a_connection_with_a_request_does_not_make_room() {
     assert_eq!(Reply::read(&mut next).unwrap().status, 200);
 }
 
-/// Tells the test below to be a process that is killed.
+/// Variable that makes the test below a process to be killed.
 #[cfg(unix)]
 const HOLDS: &str = "LSDC_TEST_HOLDS_AN_UPLOAD";
 

@@ -1,4 +1,4 @@
-//! The service as a client meets it, on the loopback.
+//! The service as seen by a client on the loopback interface.
 
 #![allow(clippy::unwrap_used)]
 

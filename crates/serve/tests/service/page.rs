@@ -1,4 +1,4 @@
-//! The page and what it asks for.
+//! The page and its requests.
 
 use crate::client::{Running, asset_path};
 use lsdc_files::{DepthMap, write_depth_png, write_npy};
@@ -75,7 +75,7 @@ fn the_link_opens_the_page_and_nothing_else_does() {
         policy.contains("default-src 'none'") && !policy.contains("unsafe"),
         "{policy}"
     );
-    // The same once more is not sent again.
+    // An unchanged file is not sent again.
     let tag = index.header("etag").unwrap();
     let headers = [("cookie", shown), ("if-none-match", tag)];
     let again = service.ask("GET", "/index.html", &headers, &[]);
@@ -147,7 +147,7 @@ fn results_of_a_completion_are_a_gallery() {
     let address = |frame: usize, kind: &str| frames[frame][kind].as_str().unwrap().to_owned();
     let depth = get(&service, &address(2, "depth"));
     assert_eq!(depth.body, lsdc_files::encode_npy(&map(2.0)).unwrap());
-    // Whatever the file, the page gets metres.
+    // The page gets metres, whatever the format of the file.
     let depth = get(&service, &address(0, "depth"));
     assert_eq!(depth.body, lsdc_files::encode_npy(&map(3.0)).unwrap());
     let image = get(&service, &address(0, "image"));
@@ -176,7 +176,7 @@ fn pictures_are_found_without_reading_the_folders_again() {
     let service = page(vec![folder.path().to_owned()]);
     let status = |frame: &str| get(&service, &format!("/v1/gallery/0/thumbnail/{frame}")).status;
     assert_eq!(status("a"), 200);
-    // What comes later is found once the list has been read again.
+    // A later file is found once the list has been read again.
     add("b_depth.npy");
     assert_eq!([status("a"), status("b")], [200, 404]);
     let listed = get(&service, "/v1/gallery").json();

@@ -1,4 +1,4 @@
-//! Scenes that are kept, for a while.
+//! Scenes that the service keeps for a while.
 
 use crate::client::{Running, asset, file, text};
 use lsdc_serve::{Config, Limits};

@@ -1,15 +1,15 @@
-// What every function of the package throws.
+// The errors of the package.
 
 /**
- * - `image`, `weights`, `settings`, `fit`: the argument that cannot be used; `fit` is that of points;
+ * - `image`, `weights`, `settings`, `fit`: an unusable argument; `fit` refers to the points;
  * - `use`: an object that was freed, or an argument of another type;
- * - `memory`: memory for an argument cannot be had;
+ * - `memory`: memory for an argument cannot be allocated;
  * - `load`: the module or weights cannot be fetched, or WebAssembly lacks SIMD;
- * - `stopped`: the module has stopped. Its completer and scenes cannot be used again.
+ * - `stopped`: the module has stopped. Its completer and scenes cannot be used any more.
  */
 export type ErrorKind = "image" | "weights" | "settings" | "fit" | "use" | "memory" | "load" | "stopped";
 
-/** What is wrong, in one sentence, and what to do about it. */
+/** An error: a message of one sentence, and a hint. */
 export class LsdcError extends Error {
   override readonly name = "LsdcError";
   readonly kind: ErrorKind;

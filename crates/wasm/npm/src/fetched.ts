@@ -1,4 +1,4 @@
-// Files of the package, and those that users name.
+// Fetches files of the package and of users.
 
 import { LsdcError } from "./error.ts";
 
@@ -6,7 +6,7 @@ interface Host {
   readonly process?: { getBuiltinModule?(name: "node:fs/promises"): { readFile(path: URL): Promise<Uint8Array> } };
 }
 
-/** The bytes at an address; Node.js reads those of files from disk. */
+/** Fetches the bytes at an address; Node.js reads files from disk. */
 export async function fetched(address: URL, what: string): Promise<Uint8Array> {
   const hint = `check that ${address.href} is there, and that this page may read it`;
   try {

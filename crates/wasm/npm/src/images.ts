@@ -1,8 +1,8 @@
-// Images, as the module reads them: rows of pixels of 8 bits per channel.
+// Conversion of images to the module's format: rows of pixels with 8 bits per channel.
 
 import { LsdcError } from "./error.ts";
 
-/** Pixels row by row, without gaps: grey, RGB or RGBA, of 8 bits each, as their number shows. `ImageData` is one. */
+/** Pixels row by row, without gaps: grey, RGB or RGBA of 8 bits each, according to their number, such as `ImageData`. */
 export interface Pixels {
   readonly width: number;
   readonly height: number;
@@ -11,7 +11,7 @@ export interface Pixels {
 
 export type ImageSource = Pixels | ImageData | ImageBitmap | HTMLCanvasElement | OffscreenCanvas;
 
-/** The pixels of an image. */
+/** Returns the pixels of an image. */
 export function pixels(source: ImageSource): Pixels & { readonly channels: number } {
   const { width, height, data } = "data" in source ? source : drawn(source);
   if (!(data instanceof Uint8Array || data instanceof Uint8ClampedArray)) {

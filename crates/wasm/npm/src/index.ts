@@ -1,7 +1,7 @@
 /**
  * Depth completion by least squares: an RGB image and a few known depths in, a dense depth map out.
  *
- * Work runs on the calling thread, and blocks it: pages use `lsdc/worker`, whose interface is the same.
+ * Calls run on the calling thread and block it: pages should use `lsdc/worker`, which has the same interface.
  *
  *     const completer = await Completer.load();
  *     const scene = completer.scene(imageData);                // runs the network
@@ -20,13 +20,13 @@ export type { ImageSource, Pixels } from "./images.ts";
 export type { Points, Row } from "./points.ts";
 export type * from "./types.ts";
 
-/** Written out, so that bundlers find the files. */
+/** Literal URLs, so that bundlers find the files. */
 const WEIGHTS = {
   default: new URL("./weights/default.safetensors", import.meta.url),
   small: new URL("./weights/small.safetensors", import.meta.url),
 };
 
-/** A network and its settings, in memory of its own. */
+/** A network and its settings, in separate memory. */
 export class Completer {
   private readonly instance: Instance;
 
@@ -52,18 +52,18 @@ export class Completer {
     return new Scene(this.instance, number, width, height, (performance.now() - started) / 1000);
   }
 
-  /** Bytes of memory of the completer and its scenes. It grows to the most that was needed at once. */
+  /** Memory of the completer and its scenes in bytes: the largest amount needed so far. */
   get memory(): number {
     return this.instance.memory;
   }
 
-  /** Frees the completer and its scenes, none of which can be used afterwards. */
+  /** Frees the completer and its scenes, which cannot be used afterwards. */
   free(): void {
     this.instance.free();
   }
 }
 
-/** An image, ready for any set of points. */
+/** An image, ready to be fitted to points. */
 export class Scene {
   readonly width: number;
   readonly height: number;
@@ -80,7 +80,7 @@ export class Scene {
     this.network = network;
   }
 
-  /** Fits the scene to points. Throws if no point can be used; points that cannot are counted in the report. */
+  /** Fits the scene to points. Throws if no point can be used; unusable points are counted in the report. */
   complete(points: Points, { columns, ...options }: CompleteOptions = {}): Completion {
     const started = performance.now();
     const text = this.instance.complete(this.number, rows(points, columns), options);

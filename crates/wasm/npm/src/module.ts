@@ -1,9 +1,9 @@
-// An instance of the WebAssembly module, in which nothing but numbers, bytes and JSON is passed.
+// An instance of the WebAssembly module, whose functions exchange only numbers, bytes and JSON.
 
 import { LsdcError, type ErrorKind } from "./error.ts";
 import { fetched } from "./fetched.ts";
 
-/** `crates/wasm/src/lib.rs` describes them. */
+/** The exports, documented in `crates/wasm/src/lib.rs`. */
 interface Exports {
   readonly memory: WebAssembly.Memory;
   lsdc_start(): number;
@@ -18,7 +18,7 @@ interface Exports {
   lsdc_output_length(which: number): number;
 }
 
-/** An output of a completion. */
+/** Outputs of a completion. */
 export const OUTPUT = { depth: 0, deviations: 1, residuals: 2, leaveOneOut: 3 } as const;
 
 let compiled: Promise<WebAssembly.Module> | null = null;
@@ -37,10 +37,10 @@ function compile(): Promise<WebAssembly.Module> {
 }
 
 export class Instance {
-  /** Why it cannot be used any more. */
+  /** The error that stopped the instance. */
   private stopped: LsdcError | null = null;
   private exports: Exports | null;
-  /** The address of the message of a panic. */
+  /** Address of the message of a panic. */
   private readonly message: number;
 
   private constructor(exports: Exports) {
@@ -53,12 +53,12 @@ export class Instance {
     return new Instance(exports as unknown as Exports);
   }
 
-  /** Bytes of memory that the instance has taken. It never gives them back before `free`. */
+  /** Memory of the instance in bytes, which only `free` releases. */
   get memory(): number {
     return this.exports?.memory.buffer.byteLength ?? 0;
   }
 
-  /** Gives the instance up; its memory is that of the garbage collector. */
+  /** Releases the instance to the garbage collector. */
   free(): void {
     this.exports = null;
   }
@@ -70,7 +70,7 @@ export class Instance {
     });
   }
 
-  /** The number of a new scene. */
+  /** Creates a scene, and returns its number. */
   scene(width: number, height: number, channels: number, data: Uint8Array | Uint8ClampedArray, best: boolean): number {
     return this.run((exports) => {
       this.write(exports, [data]);
@@ -78,7 +78,7 @@ export class Instance {
     });
   }
 
-  /** The report of a completion of points in rows of four numbers, in JSON. */
+  /** Completes points in rows of four numbers, and returns the report in JSON. */
   complete(scene: number, rows: Float64Array, options: object): string {
     return this.run((exports) => {
       const bytes = new Uint8Array(rows.buffer, rows.byteOffset, rows.byteLength);
@@ -87,7 +87,7 @@ export class Instance {
     });
   }
 
-  /** A copy of an output of the last completion; null if there is none. */
+  /** Copies an output of the last completion; null if there is none. */
   output(which: number): Float32Array | null {
     return this.guarded((exports) => {
       const length = exports.lsdc_output_length(which);
@@ -109,7 +109,7 @@ export class Instance {
     });
   }
 
-  /** Uses the module. A trap is the end of the instance, whose state may be half changed. */
+  /** Uses the module. A trap stops the instance, because its state may be inconsistent. */
   private guarded<T>(work: (exports: Exports) => T): T {
     if (this.stopped) throw this.stopped;
     if (!this.exports) throw new LsdcError("use", "the completer was freed before", "load another one");
@@ -149,7 +149,7 @@ export class Instance {
   }
 }
 
-/** Options in JSON, which has no NaN: it would become null, which leaves an option as it is. */
+/** Encodes options in JSON; rejects NaN, which would become null, the default of an option. */
 function json(options: object): string {
   return JSON.stringify(options, (name, value: unknown) => {
     if (typeof value === "number" && !Number.isFinite(value)) throw new LsdcError("settings", `the option \`${name}\` is ${value}`);

@@ -1,17 +1,17 @@
-// Sparse depths, as the module reads them.
+// Conversion of sparse depths to the module's format.
 
 import { LsdcError } from "./error.ts";
 
-/** Column and row in pixels from the centre of the first, depth along the optical axis, and perhaps its standard deviation. */
+/** Column and row in pixels from the centre of the first pixel, depth along the optical axis, optionally standard deviation. */
 export type Row = readonly [u: number, v: number, depth: number, sigma?: number];
 
-/** Rows one after the other, of three or four numbers (`columns`), or an array of rows. */
+/** Consecutive rows of three or four numbers (`columns`), or an array of rows. */
 export type Points = Float32Array | Float64Array | readonly Row[];
 
-/** Numbers of a row: column, row, depth, standard deviation; NaN if that is unknown. */
+/** Numbers of a row: column, row, depth, standard deviation (NaN if unknown). */
 const WIDTH = 4;
 
-/** Rows of four numbers. */
+/** Returns rows of four numbers. */
 export function rows(points: Points, columns: 3 | 4 = 3): Float64Array {
   if (columns !== 3 && columns !== 4) {
     throw new LsdcError("use", `points have 3 or 4 columns, not ${String(columns)}`, "they are u, v, depth and, if it is known, sigma");

@@ -1,5 +1,5 @@
 /**
- * The interface of `lsdc` on a worker of its own, so that no call blocks the page: every function returns a promise.
+ * The interface of `lsdc` on a separate worker, so that calls do not block the page: every function returns a promise.
  *
  *     const completer = await Completer.load();
  *     const scene = await completer.scene(imageData);
@@ -66,7 +66,7 @@ class Calls {
   }
 }
 
-/** A network and its settings, on a worker of its own. */
+/** A network and its settings, on a separate worker. */
 export class Completer {
   private readonly calls: Calls;
 
@@ -86,7 +86,7 @@ export class Completer {
     return new Completer(calls);
   }
 
-  /** Runs the network on an image, of which the worker gets a copy. Rejects if the image cannot be used. */
+  /** Runs the network on a copy of an image. Rejects if the image cannot be used. */
   async scene(image: ImageSource, options: SceneOptions = {}): Promise<Scene> {
     const { width, height, data } = pixels(image);
     const copy = data.slice();
@@ -94,13 +94,13 @@ export class Completer {
     return new Scene(this.calls, number as number, width, height);
   }
 
-  /** Ends the worker, which frees the completer and its scenes; calls that wait are rejected. */
+  /** Ends the worker, which frees the completer and its scenes; waiting calls are rejected. */
   free(): void {
     this.calls.end(new LsdcError("use", "the completer was freed before", "load another one"));
   }
 }
 
-/** An image, ready for any set of points. */
+/** An image, ready to be fitted to points. */
 export class Scene {
   readonly width: number;
   readonly height: number;
@@ -115,7 +115,7 @@ export class Scene {
     this.height = height;
   }
 
-  /** Fits the scene to points. Rejects if no point can be used; points that cannot are counted in the report. */
+  /** Fits the scene to points. Rejects if no point can be used; unusable points are counted in the report. */
   async complete(points: Points, { columns, ...options }: CompleteOptions = {}): Promise<Completion> {
     const table = rows(points, columns);
     const result = await this.calls.ask({ call: "complete", scene: this.number, rows: table, options }, [table.buffer]);

@@ -1,4 +1,4 @@
-// The package in Chromium, from a server of static files. CHROMIUM is the browser.
+// The package in Chromium, served as static files. CHROMIUM is the browser.
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { createServer } from "node:http";

@@ -1,5 +1,5 @@
-// The largest differences of the WebAssembly module's depths and standard deviations from the golden ones, as shares of the
-// range of depths. LSDC_GOLDEN is a folder that `cargo run --release -p lsdc-eval --example golden -- FOLDER` has written to.
+// Compares depths and standard deviations of the WebAssembly module with the golden ones, relative to the range of depths.
+// LSDC_GOLDEN is a folder written by `cargo run --release -p lsdc-eval --example golden -- FOLDER`.
 import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
@@ -7,11 +7,11 @@ import { test } from "node:test";
 import { Completer } from "lsdc";
 import { npm } from "./support.mjs";
 
-/** As of the golden depths of the program at `portable`: there is no fused multiply-add. */
+/** The tolerance of the instruction set `portable`, which also has no fused multiply-add. */
 const TOLERANCE = 3e-5;
 const [COLUMNS, ROWS] = [24, 18];
 
-/** The arrays of a safetensors file of 32-bit floats, by name. */
+/** Reads the arrays of a safetensors file of 32-bit floats, by name. */
 function tensors(path) {
   const bytes = readFileSync(path);
   const start = 8 + Number(bytes.readBigUInt64LE(0));
@@ -20,7 +20,7 @@ function tensors(path) {
   return new Map(entries.map(([name, { data_offsets: offsets }]) => [name, values(offsets)]));
 }
 
-/** The values in the middle of each cell of a grid. */
+/** Returns the values at the centres of the cells of a grid. */
 function grid(map, width, height) {
   const place = (i, of, length) => Math.floor(((2 * i + 1) * length) / (2 * of));
   return Array.from({ length: COLUMNS * ROWS }, (_, i) => {

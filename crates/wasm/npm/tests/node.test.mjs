@@ -6,7 +6,7 @@ import { pathToFileURL } from "node:url";
 import { Completer, LsdcError } from "lsdc";
 import { image, largestDifference, native, npm, points, rmse, truth } from "./support.mjs";
 
-/** Metres, and deviations of them: no instruction set of the native library is nearer to another than 1e-5. */
+/** Of metres and standard deviations: instruction sets of the native library differ by at least 1e-5. */
 const TOLERANCE = 1e-4;
 const room = image();
 const known = points();
@@ -18,7 +18,7 @@ before(async () => {
   scene = completer.scene(room);
 });
 
-/** What a function throws. */
+/** Returns the error that a function throws. */
 function thrown(work) {
   try {
     work();
@@ -50,7 +50,7 @@ test("depths and deviations are those of the native library", async () => {
   const { report } = found;
   assert.deepEqual(report.points, { given: 500, used: 500, ignored: 0, outside: 0, without_deviation: 0 });
   assert.equal(report.fit.outliers, found.outliers.length);
-  // The error that leaving out points predicts is that against the truth of the render.
+  // The leave-one-out error predicts the true error.
   const error = rmse(found.depth, truth());
   assert.ok(Math.abs(report.fit.leave_one_out / error - 1) < 0.2, `${report.fit.leave_one_out} ${error}`);
   completer.free();
@@ -167,7 +167,7 @@ test("what was freed cannot be used", async () => {
 test("a trap stops the completer, and no other", async () => {
   const other = await Completer.load({ weights: "small" });
   const { instance } = other;
-  // No input is known that stops the module.
+  // No input is known to stop the module.
   const message = new TextEncoder().encode("panicked at src/lib.rs: a message\0");
   instance.exports = {
     ...instance.exports,

@@ -1,5 +1,5 @@
-// The room of the repository, and what the native library makes of it: LSDC_REFERENCE is the folder that
-// `cargo run --release -p lsdc-c --example reference -- FOLDER` has written to.
+// The room of the repository, and the results of the native library: LSDC_REFERENCE is the folder written by
+// `cargo run --release -p lsdc-c --example reference -- FOLDER`.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
@@ -10,7 +10,7 @@ const room = join(npm, "../../../assets/room");
 const reference = process.env.LSDC_REFERENCE;
 if (!reference) throw new Error("LSDC_REFERENCE is not set: the folder of the example `reference` of lsdc-c");
 
-/** A map of NumPy's format, of 32-bit floats. */
+/** Reads a NumPy array of 32-bit floats. */
 function npy(path) {
   const bytes = readFileSync(path);
   const start = 10 + bytes.readUInt16LE(8);
@@ -18,14 +18,14 @@ function npy(path) {
   return { width, height, values: new Float32Array(Uint8Array.from(bytes.subarray(start)).buffer, 0, width * height) };
 }
 
-/** The image, of three bytes per pixel. */
+/** Returns the image, with three bytes per pixel. */
 export function image() {
   const bytes = readFileSync(join(reference, "rgb.ppm"));
   const [header, width, height] = /^P6 (\d+) (\d+) 255\n/.exec(bytes.toString("latin1", 0, 32));
   return { width: Number(width), height: Number(height), data: new Uint8Array(bytes.subarray(header.length)) };
 }
 
-/** Rows of u, v and depth. */
+/** Returns rows of u, v and depth. */
 export function points() {
   const { width, values } = npy(join(room, "sparse.npy"));
   const rows = [...values].flatMap((depth, i) => (depth > 0 ? [[i % width, Math.floor(i / width), depth]] : []));
@@ -40,7 +40,7 @@ export function largestDifference(values, expected) {
   return values.reduce((largest, value, i) => Math.max(largest, Math.abs(value - expected[i])), 0);
 }
 
-/** Root mean square of the differences to depths that are known. */
+/** Root mean square of the differences to the known depths. */
 export function rmse(values, expected) {
   const errors = [...values].flatMap((value, i) => (expected[i] > 0 ? [(value - expected[i]) ** 2] : []));
   return Math.sqrt(errors.reduce((sum, square) => sum + square, 0) / errors.length);

@@ -1,4 +1,4 @@
-// A program of a user, for the types of the package as it is installed.
+// A user's program, which checks the types of the installed package.
 import { Completer, LsdcError } from "lsdc";
 import { Completer as WorkerCompleter, type Completion } from "lsdc/worker";
 

@@ -1,5 +1,4 @@
-// PNG images of 16-bit grey, which hold depths; browsers show them with 8 bits. A text chunk says their unit, as in files of
-// `lsdc`.
+// 16-bit grey PNG images of depths, which browsers decode to 8 bits. A text chunk gives the unit, as in files of `lsdc`.
 
 const SIGNATURE = [0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a];
 const KEYWORD = "Depth units per metre";
@@ -9,16 +8,16 @@ export interface Grey16 {
   readonly width: number;
   readonly height: number;
   readonly values: Uint16Array;
-  /** How many units make a metre, if the file says so. */
+  /** Units per metre; null if the file does not give them. */
   readonly perMetre: number | null;
 }
 
-/** The image in a file; null if it is none of 16-bit grey, or is damaged. */
+/** Reads an image; null if it is not 16-bit grey, or is damaged. */
 export async function read(buffer: ArrayBuffer): Promise<Grey16 | null> {
   const [bytes, view] = [new Uint8Array(buffer), new DataView(buffer)];
   if (bytes.length < 33 || SIGNATURE.some((byte, i) => bytes[i] !== byte)) return null;
   const [width, height] = [view.getUint32(16), view.getUint32(20)];
-  // Bits, colours, and neither compression, filters nor interlacing of another kind.
+  // Bit depth, colour type, and the only supported methods of compression, filtering and interlacing.
   if ([16, GREY, 0, 0, 0].some((value, i) => bytes[24 + i] !== value)) return null;
   const data: Uint8Array<ArrayBuffer>[] = [];
   let perMetre: number | null = null;
@@ -45,7 +44,7 @@ export async function read(buffer: ArrayBuffer): Promise<Grey16 | null> {
   return { width, height, values, perMetre };
 }
 
-/** Replaces the bytes of a filtered row by those of pixels of two bytes (PNG, section 9). */
+/** Undoes the filter of a row of two-byte pixels in place (PNG, section 9); false if there is no such filter. */
 function restore(filter: number, row: Uint8Array, above: Uint8Array): boolean {
   if (filter > 4) return false;
   for (let i = 0; i < row.length; i++) {
@@ -60,7 +59,7 @@ function paeth(left: number, up: number, corner: number): number {
   return a <= b && a <= c ? left : b <= c ? up : corner;
 }
 
-/** The file of an image. */
+/** Encodes an image. */
 export async function write({ width, height, values, perMetre }: Grey16): Promise<Blob> {
   const rows = new Uint8Array(height * (2 * width + 1));
   const view = new DataView(rows.buffer);

@@ -1,4 +1,4 @@
-// Files of points, as far as the page reads them by itself.
+// Reads files of points in the browser.
 
 import * as npy from "../model/npy.ts";
 import { count } from "../model/numbers.ts";
@@ -8,7 +8,7 @@ import * as png from "./png.ts";
 
 export const READS = "Images: JPEG, PNG, WebP, BMP. Points: depth maps (npy, 16-bit png), tables (csv, txt).";
 
-/** What 16-bit maps hold where nothing was measured, beside 0. */
+/** Value of 16-bit maps at pixels without a measurement, besides 0. */
 const LARGEST = 65_535;
 
 interface Size {
@@ -18,14 +18,14 @@ interface Size {
 
 export interface Read {
   readonly points: readonly Point[];
-  /** What was assumed. */
+  /** Assumptions that the user should check. */
   readonly remarks: readonly string[];
 }
 
-/** Settings that were refused: those of a file are the user's. */
+/** An error of the user's files or settings, with the status of such errors of the service. */
 export const refused = (message: string, hint: string | null): ServiceError => new ServiceError(message, hint, 422);
 
-/** The points in a file, for an image of some size. */
+/** Reads the points of a file for an image of a size. */
 export async function read(file: File, size: Size): Promise<Read> {
   const ending = file.name.toLowerCase().split(".").pop();
   switch (ending) {
@@ -54,7 +54,7 @@ export async function read(file: File, size: Size): Promise<Read> {
   }
 }
 
-/** Where a map is not 0; what else cannot be a depth is left to the fit, which counts it. */
+/** The pixels of a map that are not 0; the fit counts and skips other values that are not depths. */
 function pixels(name: string, { width, height, values }: npy.Map2 | png.Grey16, size: Size, perMetre: number): Point[] {
   if (width !== size.width || height !== size.height) {
     throw refused(`\`${name}\` has ${width}x${height} pixels, but the image ${size.width}x${size.height}`, "give points at their positions, as a table of u, v, depth");
@@ -68,7 +68,7 @@ const rows = ({ width, height, values }: npy.Map2): Point[] =>
 const point = ([u, v, depth, sigma]: readonly (number | undefined)[]): Point =>
   ({ u: u ?? NaN, v: v ?? NaN, depth: depth ?? NaN, ...(sigma !== undefined && !Number.isNaN(sigma) && { sigma }) });
 
-/** Lines of u, v, depth and perhaps sigma, in this order or in that of a line of names. */
+/** Reads lines of u, v, depth and optionally sigma, in this order or in that of a header line. */
 function table(name: string, text: string): Point[] {
   const lines = text.split(/\r?\n/).map((line, i) => ({ cells: line.trim().split(/\s*[,;]\s*|\s+/), number: i + 1 }));
   const filled = lines.filter(({ cells }) => cells[0] !== "" && !cells[0]!.startsWith("#"));
@@ -86,7 +86,7 @@ function table(name: string, text: string): Point[] {
   });
 }
 
-/** What is left out of points that were read. */
+/** Remarks on points that the fit skipped. */
 export function leftOut({ ignored, outside }: { readonly ignored: number; readonly outside: number }): string[] {
   return [
     ...(ignored > 0 ? [`${count(ignored)} points have no depth or position that can be used`] : []),

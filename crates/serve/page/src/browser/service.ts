@@ -1,4 +1,4 @@
-// A worker in the browser that completes images, where no program is behind the page.
+// Completes images in a worker of the browser, for a page without a program behind it.
 
 import { Completer, LsdcError, type Completion, type Scene } from "../../../../wasm/npm/src/worker.ts";
 import type { Layers } from "../model/layers.ts";
@@ -14,7 +14,7 @@ interface Known {
 }
 
 const ALL: readonly Asked[] = ["depth", "standard_deviation", "outliers"];
-/** The status by which the page posts an image again. */
+/** Status at which the page posts an image again. */
 const GONE = 404;
 const UNREACHABLE = 0;
 
@@ -27,7 +27,7 @@ class BrowserService implements Service {
   private last = 0;
 
   async start(): Promise<object> {
-    // Before it is needed: an error shows when it is.
+    // Loads the worker early; an error is reported when it is used.
     this.loaded().catch(() => undefined);
     return {};
   }
@@ -94,7 +94,7 @@ class BrowserService implements Service {
     return known;
   }
 
-  /** A call of the worker, whose errors are those of a service. A worker that has stopped gives way to another one. */
+  /** Calls the worker, turning its errors into those of a service. A worker that has stopped is replaced at the next call. */
   private async guarded<T>(work: () => Promise<T>): Promise<T> {
     try {
       return await work();
@@ -113,7 +113,7 @@ class BrowserService implements Service {
 
 export const browser: Service = new BrowserService();
 
-/** The pixels of an image, upright and in colours as they are stored. */
+/** Decodes an image to upright pixels, without conversion of colours. */
 async function decoded(image: File): Promise<ImageData> {
   const bitmap = await createImageBitmap(image, { colorSpaceConversion: "none", premultiplyAlpha: "none" }).catch(() => null);
   if (!bitmap) throw refused(`\`${image.name}\` is no image that this browser reads`, "give JPEG, PNG or WebP; `lsdc view` reads more");
@@ -124,7 +124,7 @@ async function decoded(image: File): Promise<ImageData> {
   return context.getImageData(0, 0, width, height);
 }
 
-/** A completion in the form of the service's answers. */
+/** Converts a completion to the form of the service's answers. */
 function layers(found: Completion, points: readonly Point[], remarks: readonly string[]): Layers {
   const { width, height, depth, deviations, residuals, leaveOneOut, outliers, report } = found;
   const probabilities = new Map(outliers?.map(({ index, probability }) => [index, probability]));

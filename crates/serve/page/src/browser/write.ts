@@ -1,4 +1,4 @@
-// Files to download, made in the browser as the program makes them.
+// Files to download, written in the browser as the program writes them.
 
 import type { Layers } from "../model/layers.ts";
 import { flyingPixels } from "../model/flying.ts";
@@ -8,10 +8,10 @@ import * as png from "./png.ts";
 import { refused } from "./read.ts";
 
 const MOST = 65_535;
-/** How many units make a metre: the finest first. */
+/** Units per metre, finest first. */
 const UNITS = [1e6, 1e5, 1e4, 1e3, 256, 100, 10, 1];
 
-/** Depths as 16-bit PNG: in millimetres, or in the finest unit that holds the farthest where these do not fit. */
+/** Depths as 16-bit PNG in millimetres; where these do not fit, in the finest unit that holds the largest depth. */
 export async function depthPng({ width, height, depth }: Layers): Promise<Blob> {
   const [near, far] = range(depth);
   const holds = (perMetre: number) => Math.round(far * perMetre) <= MOST;
@@ -21,15 +21,15 @@ export async function depthPng({ width, height, depth }: Layers): Promise<Blob> 
   return png.write({ width, height, values, perMetre });
 }
 
-/** Which pixels a cloud leaves out: the largest standard deviations, in metres and as a share of the depth, and whether flying
- *  pixels stay. */
+/** Which pixels a cloud keeps: the largest standard deviation, in metres and relative to the depth, and whether it keeps flying
+ *  pixels. */
 export interface Cut {
   readonly absolute: number;
   readonly relative: number;
   readonly keepFlying: boolean;
 }
 
-/** A coloured cloud in the frame of the camera. */
+/** Encodes a coloured point cloud in the camera frame. */
 export function cloudPly(
   { width, height, depth, deviation }: Layers,
   colours: Uint8ClampedArray,

@@ -1,4 +1,4 @@
-// The camera of an image, or one that is assumed.
+// The camera assumed for images without one.
 
 import type { Intrinsics } from "../service.ts";
 
@@ -7,7 +7,7 @@ interface Size {
   readonly height: number;
 }
 
-/** A camera of this horizontal field of view in degrees, which looks through the middle of the image. */
+/** A camera with a horizontal field of view in degrees and its principal point at the image centre. */
 export function assumed({ width, height }: Size, field: number): Intrinsics {
   const focal = width / 2 / Math.tan((field * Math.PI) / 360);
   return { fx: focal, fy: focal, cx: (width - 1) / 2, cy: (height - 1) / 2 };

@@ -1,5 +1,5 @@
-// Colour maps as tables of 256 colours. Viridis and magma are perceptually uniform; turbo is the map of `lsdc complete`,
-// which shows more steps, but not in order of lightness.
+// Colour maps as tables of 256 colours. Viridis and magma are perceptually uniform. Turbo, the map of `lsdc complete`, shows
+// more steps, but its lightness is not monotonic.
 
 export const MAPS = ["viridis", "magma", "turbo", "grey"] as const;
 export type MapName = (typeof MAPS)[number];
@@ -7,7 +7,7 @@ export type MapName = (typeof MAPS)[number];
 /** 256 colours, four bytes each: red, green, blue, 255. */
 export type Table = Uint8ClampedArray;
 
-// 33 colours at equal distances, as in Matplotlib; those between are linear, and off by at most 2 of 255.
+// 33 equally spaced colours of Matplotlib's maps; linear interpolation between them is off by at most 2 of 255.
 const STOPS: Record<MapName, string> = {
   viridis:
     "440154470d6048186a482374472d7b4536814240863f49893b528b375a8d33638d2f6a8e2c728e297a8e26818e23898e21908c1f988b1f9f88" +
@@ -21,8 +21,8 @@ const STOPS: Record<MapName, string> = {
   grey: "0a0a0afafafa",
 };
 
-// Blue below zero, light grey at it, red above: of equal lightness on both sides, and told apart by those who confuse
-// red and green.
+// Diverging map: blue below zero, light grey at zero, red above. Both sides have equal lightness and remain distinguishable
+// with red-green colour blindness.
 const SIGNED = "0b4f8a3f83bd86b4d8c4d9e6f0efedf2cfbfe59f87c9634c96262b";
 
 const made = new Map<string, Table>();
@@ -52,7 +52,7 @@ function interpolated(stops: string): Table {
   return colours;
 }
 
-/** The entry of a table for a value between `low` and `high`; values beyond take the colour of the end. */
+/** Table entry of a value between `low` and `high`; values outside take the colour of the nearer end. */
 export function index(value: number, low: number, high: number): number {
   const share = high > low ? (value - low) / (high - low) : 0.5;
   return Math.round(255 * Math.min(1, Math.max(0, share)));
@@ -63,7 +63,7 @@ export function css(colours: Table, value: number, low: number, high: number): s
   return `rgb(${colours[i]} ${colours[i + 1]} ${colours[i + 2]})`;
 }
 
-/** Paints values row by row; transparent where a value is not finite. */
+/** Colours values row by row; NaN becomes transparent. */
 export function paint(values: Float32Array, colours: Table, low: number, high: number, pixels: Uint8ClampedArray): void {
   const words = new Uint32Array(pixels.buffer, pixels.byteOffset, values.length);
   const palette = new Uint32Array(colours.buffer);

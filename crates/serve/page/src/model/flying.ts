@@ -1,27 +1,27 @@
-// Flying pixels: those that lie between the surfaces on both sides of a depth edge, where there is nothing. The definition is
-// that of clouds of `lsdc complete`.
+// Flying pixels lie in empty space between the surfaces on both sides of a depth edge. Clouds of `lsdc complete` use the same
+// definition.
 
 import type { Intrinsics } from "../service.ts";
 
-/** The tangent of the angle between viewing ray and normal, from which on a surface is seen at a grazing angle: 80 degrees. */
+/** Tangent of the angle between viewing ray and normal above which a surface is at a grazing angle: 80 degrees. */
 const GRAZING = 5.67;
-/** How far away the surfaces on both sides are looked at: radians of the view, and at least pixels. */
+/** Distance at which the surfaces on both sides are examined: radians, and the least number of pixels. */
 const REACH = 0.03;
 const LEAST = 4;
-/** The last part of that way is the surface. */
+/** The slope of a surface is taken over the last 1 / SURFACE of that distance. */
 const SURFACE = 4;
-/** The most that inverse depth changes on a surface, as a share of its change at the pixel. */
+/** Largest change of inverse depth per pixel on a surface, relative to the change at the pixel. */
 const FLAT = 0.7;
-/** The least share of the way from one neighbour to the other by which a pixel lies between them. */
+/** Least distance of a pixel from both neighbours in inverse depth, relative to the difference between them. */
 const BETWEEN = 0.1;
-/** Pixels right and down. */
+/** Steps right and down, in pixels. */
 const DIRECTIONS = [[1, 0], [0, 1], [1, 1], [1, -1]] as const;
 
 /**
- * 1 for each flying pixel, row by row. A pixel is one if along a row, a column or a diagonal
- * - its inverse depth is between those of its two neighbours, and the surface is seen at a grazing angle; and
- * - some way before and behind, inverse depth, which is linear on planes, changes less: a plane seen from the side goes on.
- * Of every `stride`-th row and column.
+ * Returns 1 for each flying pixel, row by row. A pixel is flying if along a row, a column or a diagonal
+ * - its inverse depth is between those of its two neighbours, at a grazing angle; and
+ * - inverse depth changes less at a distance on both sides. It is linear on planes, so a slanted plane would continue.
+ * Only every `stride`-th row and column is tested.
  */
 export function flyingPixels(depth: Float32Array, width: number, height: number, { fx, fy }: Intrinsics, stride = 1): Uint8Array {
   const inverse = new Float32Array(depth.length);
@@ -33,7 +33,7 @@ export function flyingPixels(depth: Float32Array, width: number, height: number,
     const reach = Math.max(LEAST, Math.round(REACH / angle));
     const step = down * width + right;
     const room = (way: number, at: number, size: number) => (way > 0 ? size - 1 - at : way < 0 ? at : reach);
-    /** The change per pixel at the end of the way to one side, as far as there are depths. */
+    /** Change of inverse depth per pixel at the far end on one side, or as far as there are depths. */
     const surface = (x: number, y: number, side: number): number => {
       const [from, by] = [y * width + x, side * step];
       let last = Math.min(reach, room(side * right, x, width), room(side * down, y, height));

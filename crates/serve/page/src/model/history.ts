@@ -20,7 +20,7 @@ export class History<T> {
     return this.future.length > 0;
   }
 
-  /** A new state. Those of one gesture (a drag, a number being typed) are undone in one step. */
+  /** Adds a state. States of one gesture (a drag, a number being typed) are undone in one step. */
   push(state: T, gesture: string | null = null): void {
     if (state === this.now) return;
     if (gesture === null || gesture !== this.gesture) {
@@ -32,7 +32,7 @@ export class History<T> {
     this.now = state;
   }
 
-  /** Ends a gesture: the next state is a step of its own, even if it has the same name. */
+  /** Ends a gesture: the next state is a separate step, even if its gesture has the same name. */
   seal(): void {
     this.gesture = null;
   }

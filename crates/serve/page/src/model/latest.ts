@@ -1,4 +1,4 @@
-// One request at a time; of those that wait, only the latest is made.
+// Runs one request at a time; of waiting requests, only the latest is kept.
 
 export class Latest<Input, Output> {
   private running = false;
@@ -19,7 +19,7 @@ export class Latest<Input, Output> {
     if (!this.running) void this.work();
   }
 
-  /** Forgets what waits. */
+  /** Drops the waiting request. */
   clear(): void {
     this.next = null;
   }

@@ -1,4 +1,4 @@
-// The answer `application/vnd.lsdc.layers`: the length of a header, the header in JSON, then float32 maps.
+// Decodes `application/vnd.lsdc.layers`: the length of a header, the header in JSON, then float32 maps.
 
 export interface Fitted {
   readonly index: number;
@@ -6,13 +6,13 @@ export interface Fitted {
   readonly v: number;
   readonly depth: number;
   readonly sigma: number | null;
-  /** Measurement minus map, in metres: positive where the point lies farther away. */
+  /** Measurement minus map, in metres: positive if the point is farther away. */
   readonly residual: number | null;
-  /** The same with the map that the other points give. */
+  /** Leave-one-out error: measurement minus the map fitted without this point, in metres. */
   readonly leaveOneOut: number | null;
   /** Standard deviation of the map at the point, in metres. */
   readonly deviation: number | null;
-  /** Probability of being wrong of a point that is more likely wrong than right; 0 for others, null if not asked for. */
+  /** Outlier probability if above one half, otherwise 0; null if not requested. */
   readonly outlier: number | null;
 }
 
@@ -27,7 +27,7 @@ export interface Report {
   };
   readonly points?: Record<string, unknown>;
   readonly seconds?: Record<string, number>;
-  /** What was assumed or left out and should be checked. */
+  /** Assumptions and omissions that the user should check. */
   readonly remarks?: readonly string[];
 }
 
@@ -35,7 +35,7 @@ export interface Layers {
   readonly width: number;
   readonly height: number;
   readonly depth: Float32Array;
-  /** Absent from answers that did not ask for it. */
+  /** Null if not requested. */
   readonly deviation: Float32Array | null;
   readonly points: readonly Fitted[];
   readonly report: Report;

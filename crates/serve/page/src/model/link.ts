@@ -1,4 +1,4 @@
-// All settings as the fragment of an address. What has its default is left out, and what cannot be read is ignored.
+// All settings as the fragment of a URL. Defaults are left out; settings that cannot be read are ignored.
 
 import { MAPS } from "./colours.ts";
 import { packed, unpacked, type Point } from "./points.ts";
@@ -7,7 +7,7 @@ import {
   type Fit, type Orbit, type View,
 } from "./settings.ts";
 
-/** Which image a link is about: a demo by name, or a file that its reader has to open. */
+/** Image of a link: a demo by name, or a file that the reader has to open. */
 export type Source = { readonly demo: string } | { readonly file: string; readonly width: number; readonly height: number };
 
 export interface Linked {
@@ -15,9 +15,9 @@ export interface Linked {
   readonly fit: Fit;
   readonly count: number | null;
   readonly view: View;
-  /** Null: those that come with the image. */
+  /** Null: the points that come with the image. */
   readonly points: readonly Point[] | null;
-  /** How many points were left out, because a link cannot hold so many. */
+  /** Number of points left out because a link holds at most `MOST_POINTS`. */
   readonly omitted: number;
 }
 

@@ -1,4 +1,4 @@
-// NumPy's array files: maps of float32 or float64, row by row.
+// NumPy array files: row-major maps of float32 or float64.
 
 export interface Map2 {
   readonly width: number;
@@ -6,7 +6,7 @@ export interface Map2 {
   readonly values: Float32Array;
 }
 
-/** The map in an `npy` file; null if it is none, or none of two dimensions. */
+/** Reads the map of an `npy` file; null if it is not one, or not two-dimensional. */
 export function read(buffer: ArrayBuffer): Map2 | null {
   const bytes = new Uint8Array(buffer);
   const magic = [0x93, 0x4e, 0x55, 0x4d, 0x50, 0x59];

@@ -1,6 +1,6 @@
-// Numbers as people read them, and what is typical of many.
+// Formatting of numbers, quantiles and ticks.
 
-/** A length with its unit: three figures, as few decimals as they need. */
+/** Formats a length in metres with about three significant figures. */
 export function metres(value: number | null | undefined): string {
   return value === null || value === undefined || !Number.isFinite(value) ? "–" : `${plain(value)} m`;
 }
@@ -11,7 +11,7 @@ export function plain(value: number): string {
   return value < 0 && Number(text) > 0 ? `−${text}` : text;
 }
 
-/** With its sign, for errors. */
+/** Formats an error with its sign. */
 export function withSign(value: number | null): string {
   const text = value === null ? "–" : plain(value);
   return value !== null && value > 0 && Number(text) > 0 ? `+${text}` : text;
@@ -22,20 +22,20 @@ export const count = (value: number): string => value.toLocaleString("en").repla
 export const milliseconds = (seconds: number | undefined): string =>
   seconds === undefined ? "–" : seconds >= 10 ? `${seconds.toFixed(1)} s` : `${Math.round(1000 * seconds)} ms`;
 
-/** Values at shares of the sorted finite ones, from at most about 20,000 of them. */
+/** Quantiles of the finite values, from a regular sample of at most about 20,000. */
 export function quantiles(values: ArrayLike<number>, shares: readonly number[]): number[] {
   const stride = Math.max(1, Math.floor(values.length / 20_000));
   const room = new Float64Array(Math.ceil(values.length / stride));
   let many = 0;
   for (let i = 0; i < values.length; i += stride) if (Number.isFinite(values[i])) room[many++] = values[i]!;
-  // Typed arrays are sorted as numbers, several times faster than by a comparison.
+  // Typed arrays sort as numbers, several times faster than with a comparison function.
   const sample = room.subarray(0, many).sort();
   return shares.map((share) => sample[Math.round(share * (sample.length - 1))] ?? NaN);
 }
 
-/** The median of the positive finite values of a map, of all of them; of an even number the upper one. */
+/** Exact median of the positive finite values of a map; of an even number, the upper of the middle two. */
 export function median(map: Float32Array): number {
-  // The bits of positive numbers are in their order: their upper halves are counted, then the lower ones of the middle.
+  // The bits of positive floats sort like their values: count the upper halves, then the lower halves within the median's.
   const bits = new Uint32Array(map.buffer, map.byteOffset, map.length);
   const INFINITE = 0x7f800000;
   const counts = (upper: number | null): Uint32Array => {
@@ -88,7 +88,7 @@ export function ticks(low: number, high: number, most: number): number[] {
   return found;
 }
 
-/** A round number of the step between ticks has as many decimals as the step. */
+/** Formats a tick with as many decimals as the step between ticks. */
 export function tick(value: number, all: readonly number[]): string {
   const step = all.length > 1 ? all[1]! - all[0]! : Math.abs(value) || 1;
   return value.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9))).replace("-", "−");
@@ -96,12 +96,12 @@ export function tick(value: number, all: readonly number[]): string {
 
 export interface Label {
   readonly text: string;
-  /** Where its tick is, and where the text begins. */
+  /** Position of the tick, and the left end of the text. */
   readonly at: number;
   readonly left: number;
 }
 
-/** Labels of as many round numbers along a line as do not touch each other. */
+/** Labels of round numbers along a line, as many as fit without touching. */
 export function labels(low: number, high: number, width: number, measure: (text: string) => number): Label[] {
   const GAP = 6;
   for (let most = Math.max(1, Math.floor(width / 24)); ; most = Math.floor(most * 0.8)) {

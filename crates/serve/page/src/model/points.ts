@@ -1,13 +1,13 @@
-// Sparse points: subsets of them, their text forms, and the map's values at them.
+// Sparse points: subsets, text forms, and values of a map at positions.
 
-/** A known depth: column and row in pixels from the centre of the first, metres along the optical axis. */
+/** A known depth: column and row in pixels from the centre of the first pixel, metres along the optical axis. */
 export interface Point {
   readonly u: number;
   readonly v: number;
   readonly depth: number;
   /** Standard deviation in metres, if it is known. */
   readonly sigma?: number;
-  /** Set on the page: used however few are asked for. */
+  /** Whether the point was placed on the page; a subset takes such points first. */
   readonly placed?: boolean;
 }
 
@@ -16,8 +16,8 @@ export type Row = [number, number, number] | [number, number, number, number];
 export const row = ({ u, v, depth, sigma }: Point): Row => (sigma === undefined ? [u, v, depth] : [u, v, depth, sigma]);
 
 /**
- * Which points a subset of `count` uses. Subsets are nested, look random, and keep their members when points are added
- * at the end; points placed on the page come first.
+ * Selects `count` pseudorandom points. Subsets are nested and keep their members when points are added at the end; points
+ * placed on the page come first.
  */
 export function subset(points: readonly Point[], count: number | null): boolean[] {
   if (count === null || count >= points.length) return points.map(() => true);
@@ -28,7 +28,7 @@ export function subset(points: readonly Point[], count: number | null): boolean[
   return used;
 }
 
-/** A fixed number for each index that looks random (the finaliser of MurmurHash3). */
+/** Hashes an index to a pseudorandom number (after the finaliser of MurmurHash3). */
 function scattered(index: number): number {
   let h = index + 1;
   h = Math.imul(h ^ (h >>> 16), 0x85ebca6b);
@@ -36,14 +36,14 @@ function scattered(index: number): number {
   return (h ^ (h >>> 16)) >>> 0;
 }
 
-/** The table that `lsdc complete` reads. */
+/** Points as a table that `lsdc complete` reads. */
 export function csv(points: readonly Point[]): string {
   const sigmas = points.some((point) => point.sigma !== undefined);
   const lines = points.map(({ u, v, depth, sigma }) => [u, v, depth, ...(sigmas ? [sigma ?? ""] : [])].join(","));
   return [sigmas ? "u,v,depth,sigma" : "u,v,depth", ...lines, ""].join("\n");
 }
 
-/** A byte that says what each point has, then float32s, in the alphabet of URLs. */
+/** Encodes each point as a byte of flags and float32s, in URL-safe base64. */
 export function packed(points: readonly Point[]): string {
   const bytes: number[] = [];
   const float = new DataView(new ArrayBuffer(4));
@@ -59,7 +59,7 @@ export function packed(points: readonly Point[]): string {
   return btoa(text).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
 }
 
-/** The points of `packed`; null if the text is none of its. */
+/** Decodes the text of `packed`; null if it is malformed. */
 export function unpacked(text: string): Point[] | null {
   let binary: string;
   try {
@@ -81,7 +81,7 @@ export function unpacked(text: string): Point[] | null {
   return points;
 }
 
-/** The value of a map between its pixels, bilinear; at the border, that of the border. */
+/** Bilinear interpolation of a map, clamped at its border. */
 export function sampled(map: Float32Array, width: number, height: number, u: number, v: number): number {
   const x = Math.min(width - 1, Math.max(0, u));
   const y = Math.min(height - 1, Math.max(0, v));

@@ -1,4 +1,4 @@
-// What the page can be set to: what is fitted, and how it is shown.
+// Settings of the fit and of the view.
 
 import { MAPS, type MapName } from "./colours.ts";
 import type { Point } from "./points.ts";
@@ -11,24 +11,24 @@ export const MARKS = ["residual", "leave-one-out", "deviation", "outlier", "dept
 export const CLOUDS = ["image", "depth", "deviation"] as const;
 export const THEMES = ["auto", "light", "dark"] as const;
 
-/** Settings of the fit; null: as stored with the weights. */
+/** Settings of the fit. Null: as stored with the weights. */
 export interface Fit {
   readonly robust: (typeof ROBUST)[number] | null;
   readonly fit: (typeof FITS)[number] | null;
   readonly prior: (typeof PRIORS)[number] | null;
-  /** Standard deviation in metres of points without their own. */
+  /** Standard deviation, in metres, of points that have none. */
   readonly sigma: number | null;
 }
 
-/** What can be undone. */
+/** State that undo restores. */
 export interface Draft {
   readonly points: readonly Point[];
   readonly fit: Fit;
-  /** How many of the points are used; null: all. */
+  /** Number of points used. Null: all. */
   readonly count: number | null;
 }
 
-/** Angles in radians; lengths in median depths of the scene. */
+/** Viewpoint of the cloud. Angles in radians, lengths in multiples of the median depth. */
 export interface Orbit {
   readonly yaw: number;
   readonly pitch: number;
@@ -44,17 +44,17 @@ export interface View {
   readonly marks: (typeof MARKS)[number];
   readonly marksOpacity: number;
   readonly colours: MapName;
-  /** Ends of the colours of depth in metres; null: those of 98 % of the map. */
+  /** Ends of the colour scale of depth, in metres. Null: the 1 % and 99 % quantiles of the map. */
   readonly low: number | null;
   readonly high: number | null;
   readonly cloud: (typeof CLOUDS)[number];
-  /** The largest standard deviation of points in the cloud, in metres; null: none is left out. */
+  /** Largest standard deviation of pixels in the cloud, in metres. Null: no limit. */
   readonly cut: number | null;
   /** Whether the cloud keeps flying pixels. */
   readonly flying: boolean;
-  /** Whether it keeps pixels that count as not measured. */
+  /** Whether the cloud keeps pixels that count as not measured. */
   readonly unmeasured: boolean;
-  /** Horizontal field of view in degrees, for images without a camera. */
+  /** Horizontal field of view, in degrees, assumed for images without a camera. */
   readonly field: number;
   readonly orbit: Orbit;
   readonly theme: (typeof THEMES)[number];
@@ -80,12 +80,12 @@ export const VIEW: View = {
   theme: "auto",
 };
 
-/** A pixel whose standard deviation is a larger share of its depth counts as not measured, as for `lsdc complete`. */
+/** Relative standard deviation above which a pixel counts as not measured, as for `lsdc complete`. */
 export const MEASURED = 0.1;
-/** A share that no standard deviation exceeds. */
+/** Relative standard deviation that no pixel exceeds. */
 export const NO_LIMIT = 1e6;
 
-/** The view of another image: what depends on its depths or its camera is as at the start. */
+/** Resets the settings that depend on the depths or the camera of an image. */
 export const renewed = (view: View): View =>
   ({ ...view, low: VIEW.low, high: VIEW.high, cut: VIEW.cut, flying: VIEW.flying, unmeasured: VIEW.unmeasured, field: VIEW.field, orbit: VIEW.orbit });
 

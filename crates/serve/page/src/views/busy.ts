@@ -1,9 +1,9 @@
-// That the map is being computed, where that takes a while; what is shown of an earlier one pales.
+// Shows that a slow map is being computed; an earlier map is drawn pale meanwhile.
 
 import { h } from "../dom.ts";
 import type { Answer, State } from "../state.ts";
 
-/** Milliseconds without an answer; while a point is dragged, maps come faster. */
+/** Milliseconds without an answer before the message appears; maps come faster while a point is dragged. */
 const PATIENCE = 400;
 
 export class Busy {

@@ -1,4 +1,4 @@
-// The map as a cloud that can be turned, moved and magnified; its sparse points can be pulled along their rays.
+// The map as a point cloud that can be turned, moved and magnified; sparse points can be dragged along their rays.
 
 import type { App } from "../app.ts";
 import { check, h, iconButton, segments, sized, slider } from "../dom.ts";
@@ -13,11 +13,11 @@ import { colour, depthRange, isOutlier, scale } from "./marks.ts";
 import { eye, nearer, projected, shifted, turned, type Eye } from "./matrix.ts";
 import { Renderer, strideOf } from "./renderer.ts";
 
-/** Steps of the cut, each a share of the largest deviations; the last cuts nothing. */
+/** Steps of the slider that limits the standard deviation; the last sets no limit. */
 const STEPS = 100;
-/** Milliseconds from drawing to the next frame. */
+/** Milliseconds from drawing to the next frame above which drawing counts as slow. */
 const SLOW = 32;
-/** Pixels by which it is known whether any is in sight. */
+/** Number of pixels sampled to find whether any is in sight. */
 const SAMPLE = 2000;
 const MARK: [number, number, number] = [1, 0.42, 0.1];
 
@@ -43,7 +43,7 @@ export class Cloud {
   private middle = 0;
   private middleOf: unknown = null;
   private eye: Eye | null = null;
-  /** Whether this machine needs longer than SLOW to draw all of the cloud; it is then thinned out while it moves. */
+  /** Whether drawing takes longer than SLOW; the cloud is then thinned out while it moves. */
   private slow = false;
   private readonly contacts = new Map<number, [number, number]>();
   private pulled: { index: number; gesture: string } | null = null;
@@ -103,7 +103,7 @@ export class Cloud {
     this.canvas.hidden = !answer;
     if (!answer) this.say(null);
     if (!answer || !scene || width === 0) return;
-    // The target stays where it is while points move, and follows when another scale is typed.
+    // The target stays fixed while points move, unless the scale of the depths changes by more than 1.5.
     const factor = answer.middle / this.middle;
     if (this.middleOf !== scene.file || !(factor < 1.5 && factor > 1 / 1.5)) [this.middle, this.middleOf] = [answer.middle, scene.file];
     const density = sized(this.canvas, width, height);
@@ -132,7 +132,7 @@ export class Cloud {
     requestAnimationFrame(() => (this.slow = performance.now() - started > SLOW));
   }
 
-  /** The pixels of the cloud, which are found anew where what they depend on has changed. */
+  /** The pixels of the cloud, computed again only if their inputs have changed. */
   private chosen(answer: Answer, camera: Intrinsics, { flying, unmeasured, cut }: View): Pixels {
     const { depth, width, height } = answer.layers;
     const deviation = cut === null && unmeasured ? null : answer.deviation;
@@ -159,7 +159,7 @@ export class Cloud {
     return (this.pixels = { key, depth: kept, flying: left / all, unmeasured: unsure / all, isCut: cut !== null, sample });
   }
 
-  /** Why nothing can be seen; null if something can. */
+  /** The reason why no pixel is visible; null if one is. */
   private why({ sample, isCut }: Pixels): string | null {
     if (sample.length === 0) return isCut ? "All pixels are above the cut. Move its slider to the right." : "All pixels are left out.";
     const { clientWidth: width, clientHeight: height } = this.area;
@@ -170,7 +170,7 @@ export class Cloud {
     return inSight ? null : "The cloud is out of sight. Reset the view, with 0 or the button above.";
   }
 
-  /** Half the height of what the eye sees at a distance of one. */
+  /** Tangent of half the vertical field of view. */
   private tangent(): number {
     const { scene } = this.app.store.state;
     const { fx, fy } = this.app.camera();
@@ -200,7 +200,7 @@ export class Cloud {
     return Float32Array.from(values);
   }
 
-  /** The error bar of the cursor, along its ray. */
+  /** The error bar at the cursor, along the viewing ray. */
   private lines({ cursor, answer }: State): Float32Array {
     const deviation = cursor && answer?.deviation?.[cursor.v * answer.layers.width + cursor.u];
     const depth = cursor && this.app.depthAt(cursor.u, cursor.v);
@@ -279,7 +279,7 @@ export class Cloud {
     return best;
   }
 
-  /** Moves a point along its ray by as much as the drag has in the direction of the ray on the screen. */
+  /** Moves a point along its ray by the component of the drag along the ray on the screen. */
   private pull(index: number, dx: number, dy: number, gesture: string): void {
     const point = this.app.store.state.draft.points[index];
     const from = point && this.screen(point);
@@ -288,7 +288,7 @@ export class Cloud {
     if (!point || !from || !to || !step) return;
     const ray = [to[0] - from[0], to[1] - from[1]] as const;
     const length = ray[0] ** 2 + ray[1] ** 2;
-    // Seen along its ray, a point cannot be pulled.
+    // The ray points at the viewer: its direction on the screen is undefined.
     if (length < 0.02) return;
     const depth = point.depth + (step * (dx * ray[0] + dy * ray[1])) / length;
     if (depth > 0.05 * point.depth) this.app.change(index, { depth: Number(depth.toPrecision(5)) }, gesture);
@@ -309,13 +309,13 @@ export class Cloud {
 
 interface Pixels {
   readonly key: readonly unknown[];
-  /** 0 where a flying pixel is left out. */
+  /** Depths of the map; 0 at flying pixels that are left out. */
   readonly depth: Float32Array;
-  /** The shares of those, and of pixels that count as not measured, of all that could be drawn. */
+  /** Shares of flying pixels and of pixels that count as not measured, among all that could be drawn. */
   readonly flying: number;
   readonly unmeasured: number;
   readonly isCut: boolean;
-  /** Some of those that are kept, evenly. */
+  /** A regular sample of the pixels kept. */
   readonly sample: readonly Point[];
 }
 

@@ -1,4 +1,4 @@
-// The menu of files to take away, the same command, and the link.
+// The menu of downloads, the equivalent command, and the link.
 
 import type { App } from "../app.ts";
 import { h, iconButton, save } from "../dom.ts";
@@ -6,7 +6,7 @@ import { assumed } from "../model/camera.ts";
 import { FORMATS, type Format, type Intrinsics } from "../service.ts";
 import type { State } from "../state.ts";
 
-/** The file of points and the command that makes the same map. */
+/** The file of points and the command that compute the same map. */
 export function command({ scene, draft, view }: State): { points: string; text: string } {
   if (!scene) return { points: "points.csv", text: "" };
   const changed = draft.points !== scene.given || draft.count !== null || draft.fit.sigma !== null || scene.pointsName === null;
@@ -73,7 +73,7 @@ export class Downloads {
     this.details.open = false;
   }
 
-  /** What a link leaves out. */
+  /** A hint at what the link contains. */
   private without(): string | null {
     const { scene } = this.app.store.state;
     return scene && "file" in scene.source ? `it holds settings and points; its reader opens ${scene.name} first` : "it holds the demo, settings and points";

@@ -1,4 +1,4 @@
-// The small form beside a point: its depth, which the map follows while it is typed or pulled; or that of a new point.
+// The form beside a point that edits its depth, with the map following, or asks for the depth of a new point.
 
 import type { App } from "../app.ts";
 import { h, iconButton, slider } from "../dom.ts";
@@ -10,7 +10,7 @@ const STEPS = 400;
 
 export class Editor {
   readonly element: HTMLFormElement;
-  /** The point that is edited; null for a new one. */
+  /** Index of the edited point; null for a new one. */
   private index: number | null = null;
   private middle = 1;
   private gesture = "";
@@ -51,7 +51,6 @@ export class Editor {
     });
   }
 
-  /** Edits a point. */
   open(index: number): void {
     const point = this.app.store.state.draft.points[index];
     if (!point) return;
@@ -61,7 +60,7 @@ export class Editor {
     this.input.select();
   }
 
-  /** Asks for the depth of a new point, which is none until its depth is accepted. */
+  /** Asks for the depth of a new point, which is added once its depth is accepted. */
   ask(place: Pixel): void {
     const depth = this.app.depthAt(place.u, place.v);
     this.app.propose(place);
@@ -70,7 +69,7 @@ export class Editor {
     this.begin(null, depth);
   }
 
-  /** `middle` is where the slider begins, if there is a depth for it. */
+  /** Shows the form. `middle` is the depth at the centre of the slider; null hides the slider. */
   private begin(index: number | null, middle: number | null): void {
     this.index = index;
     this.middle = middle ?? 1;
@@ -107,19 +106,19 @@ export class Editor {
 
   private depthOf = (step: number): number => this.middle * 2 ** ((2 * step) / STEPS - 1);
 
-  /** The depth that was typed; null if it is none. */
+  /** The typed depth; null if it is not positive. */
   private depth(): number | null {
     const depth = this.input.valueAsNumber;
     return depth > 0 && Number.isFinite(depth) ? depth : null;
   }
 
-  /** A point follows what is typed; a new one waits until it is accepted. */
+  /** Updates an existing point while its depth is typed; a new one waits for acceptance. */
   private typed(): void {
     const depth = this.depth();
     if (this.index !== null && depth !== null) this.app.change(this.index, { depth }, this.gesture);
   }
 
-  /** Accepts a new point, unless it has no depth. */
+  /** Adds a new point if it has a depth, and closes the form. */
   private submit(): void {
     const [{ pending }, depth] = [this.app.store.state, this.depth()];
     if (this.index === null && pending && depth !== null) this.app.add(pending.u, pending.v, depth);

@@ -1,11 +1,11 @@
-// Where the pixels of the image are on the stage: fitted into it, or magnified and moved.
+// Maps pixels of the image to the stage: fitted into it, or magnified and moved.
 
 import type { Pixel } from "../state.ts";
 
 const MOST = 40;
 
 export class Frame {
-  /** Pixels of the page for each of the image. */
+  /** CSS pixels per image pixel. */
   scale = 1;
   private zoom = 1;
   private left = 0;
@@ -41,7 +41,7 @@ export class Frame {
     return u >= -0.5 && v >= -0.5 && u <= this.columns - 0.5 && v <= this.rows - 0.5;
   }
 
-  /** The left, top, width and height of the image. */
+  /** Left, top, width and height of the image. */
   box(): [number, number, number, number] {
     return [this.left, this.top, this.columns * this.scale, this.rows * this.scale];
   }
@@ -71,7 +71,7 @@ export class Frame {
     );
   }
 
-  /** Centres what is smaller than the stage, and lets nothing else leave its border free. */
+  /** Centres an image smaller than the stage, and keeps a larger one covering the stage. */
   private settle(): void {
     const within = (start: number, size: number, room: number) =>
       size <= room ? (room - size) / 2 : Math.min(0, Math.max(room - size, start));

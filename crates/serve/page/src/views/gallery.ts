@@ -15,7 +15,7 @@ export interface Pair {
   readonly b: Frame | null;
 }
 
-/** Frames of the same name together. */
+/** Pairs the frames of two runs by id. */
 export function paired(a: Run, b: Run | null): Pair[] {
   const others = new Map(b?.frames.map((frame) => [frame.id, frame]));
   const pairs: Pair[] = a.frames.map((frame) => ({ id: frame.id, a: frame, b: others.get(frame.id) ?? null }));
@@ -38,7 +38,7 @@ export function ordered(pairs: readonly Pair[], order: Order): Pair[] {
   return [...pairs].sort((x, y) => key(x) - key(y) || x.id.localeCompare(y.id, "en", { numeric: true }));
 }
 
-/** What is known of a frame: its error, and the median standard deviation. */
+/** Error and standard deviation of a frame, as far as they are known. */
 export function numbers(frame: Frame | null): (readonly [name: string, value: string])[] {
   if (!frame || frame.failure) return [];
   const known = [[frame.error_kind ?? "error", frame.error], ["σ", frame.standard_deviation]] as const;

@@ -1,4 +1,4 @@
-// The keys.
+// The dialog of keyboard and mouse controls.
 
 import { h, iconButton } from "../dom.ts";
 

@@ -1,4 +1,4 @@
-// The points as a table, which also serves those who cannot see the image.
+// The points as a table, which also makes them accessible without sight.
 
 import type { App } from "../app.ts";
 import { h } from "../dom.ts";
@@ -7,7 +7,7 @@ import type { Fitted } from "../model/layers.ts";
 import type { State } from "../state.ts";
 import { isOutlier } from "./marks.ts";
 
-/** Rows at first, and as many more each time: all of thousands would be slow. */
+/** Rows shown at first and added at each request; thousands at once would be slow. */
 const ROWS = 200;
 
 interface Column {
@@ -68,7 +68,7 @@ export class List {
     const wanted = [answer, draft, used, selected];
     if (wanted.every((part, i) => part === this.drawn[i])) return;
     this.drawn = wanted;
-    // Not with each step of a drag.
+    // Not at every step of a drag.
     clearTimeout(this.timer);
     this.timer = window.setTimeout(() => this.fill(state), this.body.childElementCount === 0 ? 0 : 120);
   }

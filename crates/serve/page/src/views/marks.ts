@@ -1,4 +1,4 @@
-// What sparse points are coloured by.
+// Colours of sparse points.
 
 import { css, signed, table, type Table } from "../model/colours.ts";
 import type { Fitted } from "../model/layers.ts";
@@ -14,7 +14,7 @@ export interface Scale {
   readonly value: (point: Fitted) => number | null;
 }
 
-/** Null where points are not coloured by a number: outliers, or no points at all. */
+/** The colour scale of points; null if they are not coloured by a number (outliers, or none shown). */
 export function scale(view: View, answer: Answer | null): Scale | null {
   const value = VALUES[view.marks as keyof typeof VALUES];
   if (!value || !answer) return null;
@@ -22,7 +22,7 @@ export function scale(view: View, answer: Answer | null): Scale | null {
   switch (view.marks) {
     case "residual":
     case "leave-one-out": {
-      // Errors far below those of any map are shown as none.
+      // Errors far below the accuracy of any map appear as zero.
       const least = 0.005 * answer.middle;
       const most = Math.max(least, quantiles(numbers.map(Math.abs), [0.95])[0] || 0);
       const label = view.marks === "residual" ? "residual" : "leave-one-out error";
@@ -49,7 +49,7 @@ export function colour(scale: Scale | null, point: Fitted | null, plain: string)
   return value === null || !scale ? plain : css(scale.colours, value, scale.low, scale.high);
 }
 
-/** The ends of the colours of depth, in metres. A few pixels that are far away do not take all colours. */
+/** Ends of the colour scale of depth, in metres: quantiles, so a few far pixels do not use up the colours. */
 export function depthRange(view: View, answer: Answer): [number, number] {
   return [view.low ?? answer.near, view.high ?? answer.far];
 }

@@ -1,20 +1,20 @@
-// The camera that looks at the cloud. Axes are those of images: x to the right, y down, z forwards.
+// The virtual camera of the cloud. Axes: x right, y down, z forwards.
 
 import type { Orbit } from "../model/settings.ts";
 
-/** Columns one after the other, as WebGL reads them. */
+/** A 4 x 4 matrix in column-major order, as WebGL reads it. */
 export type Matrix = Float32Array;
 
 export interface Eye {
   readonly clip: Matrix;
-  /** Pixels of the screen that a metre takes at a distance of one metre. */
+  /** Focal length in pixels of the screen. */
   readonly focal: number;
 }
 
-/** The eye turns around a target on the axis of the camera, `middle` metres away from it. */
+/** The eye of an orbit around a target, which without a shift is on the camera's axis at a depth of `middle` metres. */
 export function eye(orbit: Orbit, middle: number, tangent: number, width: number, height: number): Eye {
   const [sy, cy, sp, cp] = [Math.sin(orbit.yaw), Math.cos(orbit.yaw), Math.sin(orbit.pitch), Math.cos(orbit.pitch)];
-  // Rows of the rotation: right, down and forwards of the eye.
+  // Rows of the rotation: the right, down and forward directions of the eye.
   const right = [cy, 0, sy];
   const down = [sy * sp, cp, -cy * sp];
   const ahead = [-sy * cp, sp, cy * cp];
@@ -39,14 +39,14 @@ export function eye(orbit: Orbit, middle: number, tangent: number, width: number
   return { clip, focal: (fy * height) / 2 };
 }
 
-/** The place on a screen of a point in space; null behind the eye. */
+/** Projects a point to the screen; null if it is behind the eye. */
 export function projected({ clip }: Eye, [x, y, z]: readonly [number, number, number], width: number, height: number): [number, number] | null {
   const row = (i: number) => clip[i]! * x + clip[4 + i]! * y + clip[8 + i]! * z + clip[12 + i]!;
   const w = row(3);
   return w > 0 ? [(row(0) / w + 1) * 0.5 * width, (1 - row(1) / w) * 0.5 * height] : null;
 }
 
-/** The orbit after a drag across the screen, in shares of its height. */
+/** The orbit after a drag, which is given relative to the height of the screen. */
 export function turned(orbit: Orbit, dx: number, dy: number): Orbit {
   const most = 1.5;
   return { ...orbit, yaw: orbit.yaw - dx * 3, pitch: Math.min(most, Math.max(-most, orbit.pitch + dy * 3)) };

@@ -1,10 +1,10 @@
-// What the page says: errors with what to do about them, and what it is waiting for.
+// Notices: errors with hints, notes, and the operation in progress.
 
 import type { App } from "../app.ts";
 import { h, iconButton } from "../dom.ts";
 import type { Notice, State } from "../state.ts";
 
-/** Notes go by themselves, unless they have something to do; errors stay. */
+/** Milliseconds until a note without an action closes; errors stay. */
 const STAY = 7000;
 
 export class Notices {
@@ -20,7 +20,7 @@ export class Notices {
   constructor(private readonly app: App) {
     this.box = h("div", { class: "notice", hidden: true },
       h("div", {}, this.text, this.hint), this.action, iconButton("close", "Close", app.dismiss));
-    // Regions that exist before they are filled are read aloud.
+    // Screen readers announce changes of regions that exist beforehand.
     this.element = h("div", { class: "notices" }, h("div", { role: "alert" }, this.box), this.waiting);
   }
 
@@ -42,5 +42,5 @@ export class Notices {
   }
 }
 
-/** With a capital, unless it begins with the name of a file. */
+/** Capitalises a text, unless it begins with a file name. */
 const sentence = (text: string): string => (/^[a-z]+ /.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text);

@@ -1,4 +1,4 @@
-// What the fit says of itself.
+// Statistics of the fit.
 
 import { h } from "../dom.ts";
 import { count, metres, milliseconds } from "../model/numbers.ts";
@@ -67,7 +67,6 @@ export class Numbers {
       const stale = (i === 1 || i === 4) && state.answer?.stale;
       value.classList.toggle("stale", Boolean(stale));
     });
-    // Outliers of an earlier fit are better than none while a point is dragged.
     const { answer } = state;
     const seconds = answer?.layers.report.seconds;
     this.time.textContent = answer

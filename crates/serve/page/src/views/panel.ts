@@ -106,7 +106,7 @@ export class Panel {
     this.clear.disabled = this.table.disabled = this.total === 0;
   }
 
-  /** Steps are even in the logarithm of the number of points. */
+  /** The number of points of a step; steps are even in its logarithm. */
   private countOf(step: number): number {
     return step >= STEPS ? this.total : Math.max(1, Math.round(this.total ** (step / STEPS)));
   }
@@ -123,7 +123,7 @@ export class Panel {
   }
 }
 
-/** A button that opens files. */
+/** A button that chooses files and opens them. */
 export function chooser(text: string, accept: string, label: string, app: App, main = false): HTMLElement {
   const input = h("input", {
     type: "file", multiple: true, accept, "aria-label": label, class: "hidden",
@@ -138,7 +138,7 @@ export function chooser(text: string, accept: string, label: string, app: App, m
 export const chooseImage = (app: App, text: string, main = false): HTMLElement =>
   chooser(text, [ACCEPT_IMAGE, ACCEPT_POINTS, ACCEPT_CAMERA].join(","), "Open an image, and its points", app, main);
 
-/** A number that may be left out. */
+/** An optional number. */
 function number(label: string, unit: string, placeholder: string, change: (value: number | null) => void, done?: () => void) {
   const input = h("input", {
     type: "number", min: "0", step: "any", inputMode: "decimal", placeholder,

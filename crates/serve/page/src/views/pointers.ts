@@ -1,7 +1,7 @@
-// Mouse, pen and fingers on the stage: a click, the drag of a point, a pan, a pinch.
+// Gestures of mouse, pen and fingers on the stage: click, drag of a point, pan, pinch.
 
 export interface Gestures {
-  /** The point within reach of a place, if there is one. */
+  /** Index of the point within `reach` of a position, or null. */
   hit(x: number, y: number, reach: number): number | null;
   press(): void;
   hover(x: number, y: number): void;
@@ -11,7 +11,7 @@ export interface Gestures {
   drop(): void;
   pan(dx: number, dy: number): void;
   zoom(factor: number, x: number, y: number): void;
-  /** Whether the stage keeps the drags of one finger, which otherwise scroll the page. */
+  /** Whether dragging one finger moves the image instead of scrolling the page. */
   holds(): boolean;
 }
 
@@ -87,7 +87,7 @@ export class Pointers {
     this.start = null;
   }
 
-  /** Zooms where the page has nothing to scroll, elsewhere with Ctrl, as a pinch on a touchpad sends it. */
+  /** Zooms if the page cannot scroll or Ctrl is held (which a pinch on a touchpad sends). */
   private wheel(event: WheelEvent): void {
     const { scrollHeight, clientHeight } = document.documentElement;
     if (!event.ctrlKey && !event.metaKey && scrollHeight > clientHeight + 1) return;
@@ -96,7 +96,7 @@ export class Pointers {
     this.gestures.zoom(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 0.05 : 0.002)), at.x, at.y);
   }
 
-  /** Keeps a finger on a point, two fingers, and one on a magnified image from scrolling the page. */
+  /** Prevents the page from scrolling for two fingers, a finger on a point, or a finger on a magnified image. */
   private touch(event: TouchEvent): void {
     const first = event.touches[0];
     if (!first) return;

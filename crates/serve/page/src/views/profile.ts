@@ -1,5 +1,4 @@
-// Depth along the row of the cursor, with its error band and the points beside the row. Columns lie below those of the
-// image.
+// Depth along the row of the cursor, with its error band and nearby points. Columns are aligned with those of the image.
 
 import type { App } from "../app.ts";
 import { h, inks, sized } from "../dom.ts";
@@ -8,7 +7,7 @@ import type { State } from "../state.ts";
 import type { Frame } from "./frame.ts";
 import { isOutlier } from "./marks.ts";
 
-/** Points this many rows away belong to the row. */
+/** Largest distance of points drawn with the row, relative to the height of the image. */
 const NEAR = 0.02;
 const MARGIN = { top: 14, bottom: 22 };
 
@@ -122,7 +121,7 @@ export class Profile {
     context.fillStyle = quiet;
     for (const level of levels) {
       const text = `${tick(level, levels)}${level === levels.at(-1) ? " m" : ""}`;
-      // Beside the image where there is room; else on a plate, as curve and band go on below.
+      // Beside the image if there is room; otherwise on a translucent background over the curve and band.
       const wide = context.measureText(text).width;
       const beside = x(-0.5) >= wide + 10;
       const left = beside ? x(-0.5) - wide - 6 : Math.max(2, x(-0.5) + 2);
@@ -155,7 +154,7 @@ export class Profile {
   }
 }
 
-/** The depths that are shown: of the row and its points, with most of the error band. */
+/** Range of depths shown: the row, its points and most of the error band. */
 function span(depth: Float32Array, deviation: Float32Array | undefined, points: readonly number[]): [number, number] {
   const ends = (sign: number) => Array.from(depth, (d, i) => d + sign * (deviation?.[i] ?? 0));
   const [low] = quantiles(ends(-1), [0.02]);

@@ -1,4 +1,4 @@
-// The value under the cursor with its error bar.
+// The value at the cursor with its error bar.
 
 import { h } from "../dom.ts";
 import { metres, withSign } from "../model/numbers.ts";

@@ -1,11 +1,11 @@
-// Draws the cloud with WebGL 2: one point for each pixel, placed by the vertex shader from maps in textures, so that a new
-// map is one upload.
+// Draws the cloud with WebGL 2: one point per pixel, placed by the vertex shader from maps in textures, so that a new map takes
+// one upload.
 
 import type { Table } from "../model/colours.ts";
 import type { Intrinsics } from "../service.ts";
 import type { Eye } from "./matrix.ts";
 
-/** More points than these are thinned out evenly. */
+/** Largest number of points drawn; larger maps are subsampled regularly. */
 const MOST = 1_500_000;
 
 const CLOUD = `#version 300 es
@@ -85,7 +85,7 @@ void main() {
   pixel = inside * vec4(mix(0.2 * colour.rgb, colour.rgb, clamp(1.5 * inside - 0.6, 0.0, 1.0)), 1.0);
 }`;
 
-/** Every how many-th row and column of a map is drawn. */
+/** Stride of the rows and columns drawn. */
 export const strideOf = (width: number, height: number): number => Math.ceil(Math.sqrt((width * height) / MOST));
 
 export interface Look {
@@ -95,14 +95,14 @@ export interface Look {
   readonly colours: Table;
   readonly range: readonly [number, number];
   readonly cut: number;
-  /** The standard deviation as a share of the depth above which a pixel is pale. */
+  /** Relative standard deviation above which a pixel is drawn pale. */
   readonly measured: number;
   readonly density: number;
-  /** Every n-th pixel in both directions. */
+  /** Stride of the pixels drawn while the cloud moves, in both directions. */
   readonly thinning: number;
 }
 
-/** Eight numbers each: place, diameter on the screen, colour. */
+/** Eight numbers per mark: position, diameter on the screen, colour. */
 export type Marks = Float32Array;
 
 export class Renderer {
@@ -135,7 +135,7 @@ export class Renderer {
     ["depths", "deviations", "picture", "colours"].forEach((name, unit) => gl.uniform1i(gl.getUniformLocation(this.cloud, name), unit));
   }
 
-  /** The maps to draw; what has not changed is not sent again. */
+  /** Uploads the maps to draw, except those that have not changed. */
   load(width: number, height: number, depth: Float32Array, deviation: Float32Array | null, picture: ImageBitmap | null): void {
     const { gl } = this;
     if (this.size[0] !== width || this.size[1] !== height) this.kept = {};

@@ -1,4 +1,4 @@
-// The image under its map and points: what is drawn, and what clicks, drags and keys do.
+// The image with its map and points: drawing, and the actions of clicks, drags and keys.
 
 import type { App } from "../app.ts";
 import { h, inks, sized } from "../dom.ts";
@@ -110,7 +110,7 @@ export class Stage {
     }
   }
 
-  /** Colours the map; false if there is none of the kind yet. */
+  /** Colours the map; false if the chosen layer is not available yet. */
   private paint({ answer, view }: State): boolean {
     if (!answer) return false;
     const deviation = view.layer === "deviation";
@@ -201,7 +201,7 @@ export class Stage {
     this.set(hit, Math.round(u), Math.round(v));
   }
 
-  /** Edits a point, or asks for the depth of a new one at a pixel. */
+  /** Edits the point `hit`, or asks for the depth of a new one at a pixel. */
   private set(hit: number | null, u: number, v: number): void {
     this.app.select(hit);
     if (hit === null) this.editor.ask({ u, v });

@@ -1,4 +1,4 @@
-// Two results of one frame on top of each other, with a boundary that moves across.
+// Two results of one frame on top of each other, with a movable boundary.
 
 import { h, iconButton, sized } from "../dom.ts";
 import { paint, table } from "../model/colours.ts";
@@ -73,7 +73,7 @@ export class Wipe {
     this.painted = [];
     this.scale.textContent = "";
     const failure = pair.a?.failure ?? pair.b?.failure;
-    // With one run, its map is compared with the image.
+    // A single run is compared with the image.
     const places = this.names[1] === null ? [pair.a?.image, pair.a?.depth] : [pair.a?.depth, pair.b?.depth];
     const word = (name: string, frame: Frame | null) => (frame?.error == null ? name : `${name}: ${metres(frame.error)}`);
     const words = this.names[1] === null ? ["image", word(this.names[0], pair.a)] : [word(this.names[0], pair.a), word(this.names[1], pair.b)];
@@ -92,7 +92,7 @@ export class Wipe {
     this.draw();
   }
 
-  /** Colours both maps on one scale, in the colours of their small pictures. */
+  /** Colours both maps on one scale, with the colour map of their thumbnails. */
   private paint(): void {
     const maps = this.sides.flatMap((one) => (one && "values" in one ? [one.values.values] : []));
     const ends = maps.map((values) => quantiles(values.filter((depth) => depth > 0), [0.01, 0.99]));

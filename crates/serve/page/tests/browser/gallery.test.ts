@@ -16,7 +16,7 @@ for (const width of [1280, 390]) {
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= document.documentElement.clientWidth));
     await page.waitForFunction(() => [...document.querySelectorAll<HTMLImageElement>(".card img")].slice(0, 2).every((image) => image.complete));
     await picture(page, `gallery-${width}-light`);
-    // Two numbers with their names, not one with its uncertainty.
+    // Two named numbers, rather than a number and its uncertainty.
     const figures = await cards.first().locator(".figures > span").first().innerText();
     assert.match(figures, /^(leave-one-out [\d.]+ m\s+)?σ [\d.]+ m$/);
     await page.getByLabel("Sort by").selectOption("error");

@@ -1,4 +1,4 @@
-// The cloud, errors, narrow screens, themes, accessibility, and pictures of all of it.
+// The cloud, errors, narrow screens, themes and accessibility, with screenshots.
 
 import assert from "node:assert/strict";
 import { createRequire } from "node:module";
@@ -71,7 +71,7 @@ test("errors say what is wrong and what to do", async () => {
   assert.match(await notice.innerText(), /points\.csv|number|line/i);
   assert.equal(await page.getAttribute("body", "data-showing"), "work");
 
-  // A service that has gone, and is back.
+  // The service goes away and returns.
   await page.click('.notice button[aria-label="Close"]');
   await page.route("**/complete", (route) => route.abort());
   await page.locator(".stage .area").focus();
@@ -84,7 +84,7 @@ test("errors say what is wrong and what to do", async () => {
   await settled(page);
   close(await depthAt(page, 152, 114), 3, 0.01);
 
-  // An image that has expired is posted again, without a word.
+  // An expired image is posted again without a notice.
   let refused = 0;
   await page.route("**/complete", (route) => refused++ === 0
     ? route.fulfill({ status: 404, contentType: "application/json", body: JSON.stringify({ error: { message: "no such scene", hint: "post the image again", request: "1" } }) })
@@ -103,7 +103,7 @@ test("errors say what is wrong and what to do", async () => {
 const axe = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
 
 async function accessible(page: Page, where: string): Promise<void> {
-  // The page allows no foreign script; this one comes from outside of it.
+  // The page's content policy forbids foreign scripts, so the script is evaluated from outside.
   const source = await (await import("node:fs/promises")).readFile(axe, "utf8");
   await page.evaluate(source);
   const violations = await page.evaluate(async () => {

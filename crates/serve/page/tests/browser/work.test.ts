@@ -25,7 +25,7 @@ afterEach(async () => {
 
 const FIVE: readonly [number, number, number][] = [[60, 190, 2.4], [150, 60, 6], [30, 100, 3.2], [250, 110, 6.5], [160, 200, 3]];
 
-/** The map that the service itself gives for points, at pixels. */
+/** Depths at pixels of the map that the service returns for points, without the page. */
 const served = (points: readonly (readonly number[])[], pixels: readonly (readonly [number, number])[]): Promise<number[]> =>
   page.evaluate(async ([points, pixels]) => {
     const image = await (await fetch((await (await fetch("v1/demo")).json())[0].image)).blob();
@@ -78,7 +78,7 @@ test("the map follows while a depth is pulled, and all of it is one undo", async
   await page.keyboard.press("Enter");
   await settled(page);
   close(await depthAt(page, 235, 195), typed, 0.02 * typed);
-  // A point that is one already is followed at once.
+  // The map follows an existing point at once.
   await page.mouse.click(x, y);
   await pull();
   await settled(page);
@@ -138,7 +138,7 @@ test("a click is no measurement until its depth is accepted", async () => {
   await page.locator("aside h2").first().click();
   await editor.waitFor({ state: "hidden" });
   await unchanged("a click elsewhere");
-  // Nothing of all that comes back by undo or redo, after a point that was accepted.
+  // After an accepted point, undo and redo do not bring back any of this.
   await setDepth(page, 235, 195, 1.2 * old);
   await settled(page);
   close(await depthAt(page, 235, 195), 1.2 * old, 0.02 * old);
@@ -174,7 +174,7 @@ test("another image has a cut and a view of its own, and a cloud that is empty s
   await page.getByLabel("Leave out flying pixels").uncheck();
   await settings(page, /cut=.*flying=yes/);
   await openImage(page, join(ROOM, "rgb.png"));
-  // Until the demo's points are gone, a click would be on the demo.
+  // Wait until the demo's points are gone: a click before that would hit the demo.
   await rows(page, 0);
   await setDepth(page, 100, 100, 3);
   await settled(page);

@@ -1,5 +1,5 @@
-// Not a test: how many maps a second follow a dragged point at 640x480, and where the time goes. Run it on a quiet machine:
-// `node tests/run.mjs measure`. LSDC_FRAME is another image.
+// Not a test: measures maps per second while a point is dragged at 640x480, and where the time is spent. Run it on a quiet
+// machine: `node tests/run.mjs measure`. LSDC_FRAME is another image.
 
 import { test } from "node:test";
 import { readFileSync } from "node:fs";

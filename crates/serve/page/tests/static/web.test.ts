@@ -1,5 +1,5 @@
-// The page as static files: LSDC_WEB is the folder that `npm run web -- FOLDER` writes, LSDC_REFERENCE that of the example
-// `reference` of lsdc-c, the native result. CHROMIUM is the browser.
+// The page as static files. LSDC_WEB is the folder written by `npm run web -- FOLDER`, LSDC_REFERENCE the folder of native
+// results written by the example `reference` of lsdc-c, and CHROMIUM the browser.
 
 import assert from "node:assert/strict";
 import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
@@ -53,7 +53,7 @@ afterEach(async () => {
   await at.context.close();
 });
 
-/** Compares the page with the native map, of which it shows millimetres. */
+/** Compares the page, which shows millimetres, with the native map. */
 async function same(): Promise<void> {
   for (const [u, v] of [[100, 100], [200, 150], [20, 20], [290, 210]] as const) close(await depthAt(page, u, v), native[v * 304 + u]!, 0.0006);
 }
@@ -73,7 +73,7 @@ test("the demo scenes are rendered from depths that are known", async () => {
   assert.deepEqual(await page.locator(".demo strong").allInnerTexts(),
     ["A rendered room, 500 depths", "A warehouse, sixteen beams of a laser scanner", "A desk, 48 depths"]);
   await picture(page, "static-start-1280-light");
-  // What demos.mjs places there: the wall at the end, and the front of a box; a screen.
+  // Surfaces of demos.mjs: the end wall and the front of a box; a screen.
   const known: readonly [string, number, readonly [number, number, number][]][] =
     [["warehouse", 1616, [[170, 80, 19], [218, 170, 5.2]]], ["desk", 48, [[110, 110, 1.75], [150, 130, 1.75]]]];
   for (const [name, many, depths] of known) {
@@ -136,7 +136,7 @@ test("own files are read, and what cannot be is named", async () => {
   }
 });
 
-/** The file of a row of the menu. */
+/** Downloads the file of a row of the menu. */
 async function taken(label: string): Promise<Buffer> {
   await page.click(".take summary");
   const [download] = await Promise.all([page.waitForEvent("download"), page.locator(".take .row", { hasText: label }).click()]);
@@ -155,7 +155,7 @@ test("downloads hold the map", async () => {
   assert.ok(vertices > 0.9 * 304 * 228 && vertices <= 304 * 228);
   const report = JSON.parse((await taken("JSON")).toString("utf8"));
   assert.deepEqual(report.points, { given: 500, used: 500, ignored: 0, outside: 0, without_deviation: 0 });
-  // A depth map that the page has written is read with its unit, as points at every pixel that has one.
+  // The page reads a depth map that it wrote, with its unit, as points at all pixels with a depth.
   const few = png.values.map((value, i) => (i % 977 === 0 ? value : 0));
   const { write } = await import("../../src/browser/png.ts");
   const file = Buffer.from(await (await write({ ...png, values: few })).arrayBuffer());

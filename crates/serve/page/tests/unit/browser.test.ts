@@ -5,7 +5,7 @@ import { read } from "../../src/browser/read.ts";
 import { cloudPly, depthPng } from "../../src/browser/write.ts";
 import { ServiceError } from "../../src/service.ts";
 
-/** A file of Pillow, with rows of three filters. */
+/** A file written by Pillow, whose rows use three filters. */
 const PILLOW = "iVBORw0KGgoAAAANSUhEUgAAAAkAAAAHEAAAAACvYOT/AAAAbklEQVR4nGNkfsGkwwiHTDqMOowspiZfINCMx+SL8ReTLyyMz433pO3JvMK0h+GK8Z708swrDGxzFyha773qWHCXp3LpX8eZt2VZmKRNHzOvntN9IZgpxfQxy+o53YzcuUgGQyDfHmTjTb6YfAEAtZ4vBLyJ0/QAAAAASUVORK5CYII=";
 const stored = (x: number, y: number): number => (1000 + 300 * x + 77 * y * y + ((x * y) % 5) * 13_000) % 65_536;
 const SIZE = { width: 9, height: 7 };
@@ -83,7 +83,7 @@ test("a cloud has the pixels below the cut, in the frame of the camera", async (
     const blob = cloudPly(layers, colours, { fx: 2, fy: 4, cx: 0.5, cy: 0.5 }, { absolute, relative, keepFlying: true });
     return Buffer.from(await blob.arrayBuffer());
   };
-  // Of 1 m, 0.125 m are an eighth; of 2 m, 0.5 m are a quarter.
+  // 0.125 m is an eighth of 1 m; 0.5 m is a quarter of 2 m.
   for (const [absolute, relative, count] of [[Infinity, Infinity, 4], [Infinity, 0.125, 3], [Infinity, 0.1, 2], [0.11, 0.2, 2]] as const)
     assert.match((await cloud(absolute, relative)).toString("latin1"), new RegExp(`element vertex ${count}\n`));
   const bytes = await cloud(0.3, 0.2);

@@ -13,14 +13,14 @@ test("an assumed camera sees the width of the image under its field of view", ()
 const [WIDTH, HEIGHT] = [80, 60];
 const CAMERA = { fx: 400, fy: 400, cx: 0, cy: 0 };
 
-/** The columns and rows of flying pixels of a map. */
+/** Columns and rows of the flying pixels of a map. */
 function flying(depth: (x: number, y: number) => number): [number, number][] {
   const map = Float32Array.from({ length: WIDTH * HEIGHT }, (_, i) => depth(i % WIDTH, Math.floor(i / WIDTH)));
   return [...flyingPixels(map, WIDTH, HEIGHT, CAMERA)].flatMap((flies, i) => (flies ? [[i % WIDTH, Math.floor(i / WIDTH)]] : []));
 }
 
 test("a ramp between two walls flies, and the walls do not", () => {
-  // From 2 m to 4 m, linear over some pixels.
+  // A linear ramp from 2 m to 4 m over some pixels.
   for (const width of [3, 6, 9]) {
     const share = (x: number) => Math.min(1, Math.max(0, (x - 40) / width + 0.5));
     for (const [name, found] of [

@@ -24,7 +24,7 @@ test("quantiles and root mean squares", () => {
 });
 
 test("the median is that of all values", () => {
-  // All residues of a prime, in another order, and values that do not count.
+  // Distinct values in pseudorandom order; then values that are ignored are added.
   const values = Float32Array.from({ length: 100_000 }, (_, i) => (((i + 1) * 7919) % 100_003) / 1000);
   const sorted = [...values].sort((a, b) => a - b);
   assert.equal(median(values), sorted[50_000]);
@@ -75,7 +75,7 @@ test("drags take the near side along", () => {
   const place = (orbit: typeof STRAIGHT, point: readonly [number, number, number]) => projected(eye(orbit, 4, 0.5, 300, 200), point, 300, 200)!;
   assert.ok(place(turned(STRAIGHT, 0.1, 0), near)[0] > 151);
   assert.ok(place(turned(STRAIGHT, 0, 0.1), near)[1] > 101);
-  // A pan moves the target with the pointer, whatever the turn.
+  // A pan moves the target with the pointer at any rotation.
   for (const orbit of [STRAIGHT, { ...STRAIGHT, yaw: 0.7, pitch: -0.4 }]) {
     const [x, y] = place(shifted(orbit, 0.1, 0.05, 0.5), [0, 0, 4]);
     assert.ok(Math.abs(x - 170) < 0.1 && Math.abs(y - 110) < 0.1, `${x} ${y}`);
