@@ -445,9 +445,6 @@ lsdc_status lsdc_completer_create_from_memory(const void *data,
 /// it after `lsdc_scene_create`; later calls allocate again.
 lsdc_status lsdc_completer_release(const struct lsdc_completer *completer);
 
-/// A function of glibc, whose allocator keeps freed memory for the thread that allocated it.
-extern int malloc_trim(size_t kept);
-
 /// Frees a completer; null is ignored. Its scenes, and calls in progress, are not affected. A handle that was
 /// freed before gives `LSDC_ERROR_HANDLE`.
 lsdc_status lsdc_completer_free(struct lsdc_completer *completer);

@@ -1,5 +1,6 @@
 //! Completers: weights, settings and threads.
 
+use crate::allocator;
 use crate::error::{Error, Result, guard};
 use crate::handles::Handles;
 use crate::memory::{self, Versioned};
@@ -7,7 +8,7 @@ use crate::pool::{Pool, Pooled};
 use crate::status::lsdc_status;
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
 use lsdc_core::{Completer, Weights};
-use std::ffi::{c_char, c_int, c_void};
+use std::ffi::{c_char, c_void};
 
 /// A trained network, the settings of the fit, and threads.
 pub struct lsdc_completer {
@@ -130,19 +131,9 @@ pub unsafe extern "C" fn lsdc_completer_create_from_memory(
 pub extern "C" fn lsdc_completer_release(completer: *const lsdc_completer) -> lsdc_status {
     guard(|| {
         COMPLETERS.get(completer)?.value.release();
-        #[cfg(all(target_os = "linux", target_env = "gnu"))]
-        // SAFETY: the argument is a number, and other threads may allocate during the call.
-        unsafe {
-            malloc_trim(0);
-        }
+        allocator::return_free_memory();
         Ok(())
     })
-}
-
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-unsafe extern "C" {
-    /// A function of glibc, whose allocator keeps freed memory for the thread that allocated it.
-    fn malloc_trim(kept: usize) -> c_int;
 }
 
 /// Frees a completer; null is ignored. Its scenes, and calls in progress, are not affected. A handle that was

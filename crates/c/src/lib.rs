@@ -16,6 +16,7 @@
 
 mod abi;
 mod alignment;
+mod allocator;
 mod completer;
 mod completion;
 mod error;
