@@ -1,5 +1,6 @@
 //! The tensors of a module by their paths.
 
+use crate::traffic::count_readback;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{DType, Tensor, TensorData};
 use lsdc_core::weights::{Tensor as Table, is_statistic};
@@ -55,6 +56,7 @@ impl ModuleVisitor for Collector {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        count_readback();
         self.found.push(NamedTensor {
             name: self.path.join("."),
             data: param.val().into_data().convert_dtype(DType::F32),

@@ -1,6 +1,7 @@
 //! Losses of a training step.
 
 use super::Losses;
+use crate::traffic::count_readback;
 use burn::tensor::Tensor;
 
 /// Losses of a batch.
@@ -16,7 +17,10 @@ pub struct StepLosses {
 
 impl StepLosses {
     pub(super) fn of(losses: &Losses) -> Self {
-        let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
+        let value = |t: &Tensor<1>| {
+            count_readback();
+            t.clone().into_scalar::<f32>().into()
+        };
         Self {
             loss: value(&losses.total),
             l1: value(&losses.l1),

@@ -7,6 +7,7 @@
 
 mod layers;
 mod lstsq;
+mod traffic;
 
 use burn::tensor::Device;
 use lsdc_core::fit::FitConfig;
