@@ -40,6 +40,34 @@ pub fn parameter_count<M: Module>(module: &M) -> usize {
         .sum()
 }
 
+/// Returns the shapes of all float tensors of a module.
+pub(crate) fn shapes<M: Module>(module: &M) -> BTreeMap<String, Vec<usize>> {
+    let mut collector = ShapeCollector::default();
+    module.visit(&mut collector);
+    collector.found
+}
+
+#[derive(Default)]
+struct ShapeCollector {
+    path: Vec<String>,
+    found: BTreeMap<String, Vec<usize>>,
+}
+
+impl ModuleVisitor for ShapeCollector {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let shape = param.shape().to_vec();
+        self.found.insert(self.path.join("."), shape);
+    }
+}
+
 #[derive(Default)]
 struct Collector {
     path: Vec<String>,

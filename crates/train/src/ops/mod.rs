@@ -10,6 +10,7 @@ pub mod interpolate;
 mod joint;
 mod lstsq;
 pub mod norm;
+pub mod pack;
 pub mod propagate;
 mod reweighted;
 
@@ -47,6 +48,7 @@ by_default!(
     lstsq::LstsqGradients,
     norm::NormBackend,
     norm::NormGradients,
+    pack::PackBackend,
     propagate::PropagateBackend,
     propagate::PropagateGradients,
 );

@@ -1,22 +1,18 @@
 //! A training step.
 
 use super::average::follow;
-use super::config::{OptimiserKind, TrainedPart};
+use super::config::TrainedPart;
 use super::loss::{field_losses, map_losses};
-use super::muon::FlattenedMuon;
+use super::optimiser::Optimiser;
 use super::parallel::gradients;
-use super::scaled_rate::ScaledRate;
 use super::step::StepLosses;
 use super::{LossConfig, Losses, TeacherOutput, TrainConfig, losses};
 use crate::model::BasisNet;
 use crate::model::layers::FreezeStatistics;
 use crate::ops::Reweighting;
 use crate::sample::Batch;
-use burn::grad_clipping::GradientClippingConfig;
-use burn::module::{Module, ParamGroup};
-use burn::optim::decay::WeightDecayConfig;
-use burn::optim::momentum::MomentumConfig;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer, SgdConfig};
+use burn::module::Module;
+use burn::optim::GradientsParams;
 use lsdc_core::fit::FitConfig;
 use lsdc_files::error::{Cause, Error, Result};
 
@@ -59,7 +55,7 @@ impl Objective<BasisNet> for FitObjective {
 /// A network with its optimiser and objective.
 pub struct Learner<M = BasisNet, O = FitObjective> {
     pub(super) net: M,
-    pub(super) optimiser: ModuleOptimizer,
+    pub(super) optimiser: Optimiser,
     objective: O,
     /// Running average over steps, and its decay per step.
     pub(super) average: Option<(M, f64)>,
@@ -95,39 +91,10 @@ impl Learner {
 impl<M: Module, O: Objective<M>> Learner<M, O> {
     /// Creates a learner from a network on an autodiff device and an objective, with the optimiser of `config`.
     pub fn with(net: M, objective: O, config: &TrainConfig) -> Self {
-        let decay = WeightDecayConfig::new(config.weight_decay);
-        let clip = config.clip.map(GradientClippingConfig::Norm);
-        let adam = AdamConfig::new()
-            .with_epsilon(1e-8)
-            .with_weight_decay(Some(decay.clone()))
-            .with_grad_clipping(clip.clone());
-        let pretrained = ScaledRate {
-            inner: adam.build(),
-            share: config.backbone.rate,
-        };
-        let clipping = clip.as_ref().map(GradientClippingConfig::init);
-        let optimiser = match config.optimiser {
-            OptimiserKind::Adam => adam.init(),
-            OptimiserKind::Sgd => {
-                let momentum = MomentumConfig::new().with_momentum(0.9).with_dampening(0.0);
-                SgdConfig::new()
-                    .with_weight_decay(Some(decay))
-                    .with_momentum(Some(momentum))
-                    .with_gradient_clipping(clip)
-                    .init()
-            }
-            // The name of the weights in all layers.
-            OptimiserKind::Muon => {
-                let group = ParamGroup::from_predicate("weight");
-                adam.init().with_group(group, FlattenedMuon::new(), None)
-            }
-        };
-        let backbone = ParamGroup::from_predicate("extractor.backbone.");
-        let optimiser = optimiser.with_group(backbone, pretrained, clipping);
         Self {
             average: config.average.map(|decay| (net.clone(), decay)),
             net,
-            optimiser,
+            optimiser: Optimiser::new(config),
             objective,
         }
     }
@@ -189,6 +156,7 @@ fn descent<M: Module>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::training::OptimiserKind;
     use crate::model::{InitNetwork as _, weights_of};
     use crate::sample::{AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
     use burn::tensor::Device;
