@@ -156,9 +156,9 @@ fn descent<M: Module>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::training::OptimiserKind;
     use crate::model::{InitNetwork as _, weights_of};
     use crate::sample::{AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
+    use crate::training::OptimiserKind;
     use burn::tensor::Device;
     use lsdc_core::fit::FitMethod;
     use lsdc_core::network::{BackboneConfig, ExtractorConfig, NetworkConfig};

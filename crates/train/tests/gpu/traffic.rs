@@ -2,6 +2,7 @@
 
 use super::gpu;
 use lsdc_core::fit::FitConfig;
+use lsdc_core::fit::FitMethod;
 use lsdc_core::network::NetworkConfig;
 use lsdc_core::weights::Normalisation;
 use lsdc_eval::data::{Rooms, RoomsConfig, Split};
@@ -9,7 +10,6 @@ use lsdc_eval::sampling::Protocol;
 use lsdc_train::model::InitNetwork as _;
 use lsdc_train::sample::{AugmentConfig, Batch, Sampler, SamplerConfig, SupervisionConfig};
 use lsdc_train::traffic::{Traffic, counted};
-use lsdc_core::fit::FitMethod;
 use lsdc_train::training::{Learner, LossConfig, OptimiserKind, TrainConfig};
 use std::sync::Arc;
 
@@ -59,27 +59,55 @@ fn a_step_launches_few_kernels() {
     };
     let mut groups: Vec<_> = found.launches.iter().collect();
     groups.sort_by_key(|(_, n)| std::cmp::Reverse(**n));
-    eprintln!("{} launches, {} readbacks", found.launched(), found.readbacks);
-    for (name, n) in groups { eprintln!("{n:6} {name}"); }
+    eprintln!(
+        "{} launches, {} readbacks",
+        found.launched(),
+        found.readbacks
+    );
+    for (name, n) in groups {
+        eprintln!("{n:6} {name}");
+    }
     assert!(found.launched() > 0);
 }
 
 #[test]
 fn a_taught_step() {
-    let fit = FitConfig { method: FitMethod::Joint, ..FitConfig::default() };
+    let fit = FitConfig {
+        method: FitMethod::Joint,
+        ..FitConfig::default()
+    };
     let config = TrainConfig {
         optimiser: OptimiserKind::Muon,
         weight_decay: 0.0,
         clip: Some(1.0),
         average: Some(0.99),
-        supervision: SupervisionConfig { points: 100, fewest: 5, draws: 2, patches: 8, patch: 8, ..SupervisionConfig::default() },
-        loss: LossConfig { affinities: 0.01, balance: 0.25, ..LossConfig::default() },
+        supervision: SupervisionConfig {
+            points: 100,
+            fewest: 5,
+            draws: 2,
+            patches: 8,
+            patch: 8,
+            ..SupervisionConfig::default()
+        },
+        loss: LossConfig {
+            affinities: 0.01,
+            balance: 0.25,
+            ..LossConfig::default()
+        },
         ..TrainConfig::default()
     };
     let network = NetworkConfig::taught();
-    let Some(found) = third_step(&network, &config, &fit) else { return };
+    let Some(found) = third_step(&network, &config, &fit) else {
+        return;
+    };
     let mut groups: Vec<_> = found.launches.iter().collect();
     groups.sort_by_key(|(_, n)| std::cmp::Reverse(**n));
-    eprintln!("{} launches, {} readbacks", found.launched(), found.readbacks);
-    for (name, n) in groups.into_iter().take(14) { eprintln!("{n:6} {}", &name[..name.len().min(90)]); }
+    eprintln!(
+        "{} launches, {} readbacks",
+        found.launched(),
+        found.readbacks
+    );
+    for (name, n) in groups.into_iter().take(14) {
+        eprintln!("{n:6} {}", &name[..name.len().min(90)]);
+    }
 }

@@ -28,10 +28,25 @@ impl PackBackend for CubeBackend {
             return reference::<Self>(packed, [a, b, c, d, e, f, g], places);
         }
         let [a, b, c, d, e, f, g] = [a, b, c, d, e, f, g].map(into_contiguous);
-        let [start_a, start_b, start_c, start_d, start_e, start_f, start_g] =
-            places.map(|(start, _)| start as u32);
+        let [
+            start_a,
+            start_b,
+            start_c,
+            start_d,
+            start_e,
+            start_f,
+            start_g,
+        ] = places.map(|(start, _)| start as u32);
         let lengths = places.map(|(_, length)| length as u32);
-        let [a_length, b_length, c_length, d_length, e_length, f_length, g_length] = lengths;
+        let [
+            a_length,
+            b_length,
+            c_length,
+            d_length,
+            e_length,
+            f_length,
+            g_length,
+        ] = lengths;
         copy_all::launch(
             &packed.client,
             cubes(&packed, lengths.iter().sum::<u32>() as usize),

@@ -9,8 +9,11 @@ fn parts_come_back_and_gaps_are_zero() {
     layout.push(1, 3);
     layout.push(1, 64);
     layout.push(3, 65);
-    lengths[5..].iter().for_each(|&length| layout.push(1, length));
-    let values = |i: usize| -> Vec<f32> { (0..lengths[i]).map(|j| (100 * i + j + 1) as f32).collect() };
+    lengths[5..]
+        .iter()
+        .for_each(|&length| layout.push(1, length));
+    let values =
+        |i: usize| -> Vec<f32> { (0..lengths[i]).map(|j| (100 * i + j + 1) as f32).collect() };
     let parts: Vec<Tensor<1>> = (0..lengths.len())
         .map(|i| Tensor::from_data(TensorData::new(values(i), [lengths[i]]), &device))
         .collect();
