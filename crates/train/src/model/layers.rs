@@ -3,6 +3,7 @@
 use crate::ops::conv::{ConvSpec, conv2d, linear};
 use crate::ops::conv_norm::{ConvNormSpec, FixedNorm, conv_norm, linear_norm};
 use crate::ops::norm::{NormSpec, moments, normalise};
+use crate::ops::weighted_sum::weighted_sum;
 use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
 use burn::nn::{GroupNorm, GroupNormConfig};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -104,7 +105,9 @@ impl BatchNorm {
     }
 
     fn follow(&self, running: &RunningState<Tensor<1>>, now: Tensor<1>) {
-        running.update(running.value() * (1.0 - self.momentum) + now * self.momentum);
+        let [before, now] = [running.value(), now].map(Tensor::inner);
+        let after = weighted_sum(before, 1.0 - self.momentum, now, self.momentum);
+        running.update(Tensor::from_inner(after));
         // Written immediately, so that a checkpoint includes the last batch.
         running.value_sync();
     }

@@ -13,6 +13,7 @@ pub mod norm;
 pub mod pack;
 pub mod propagate;
 mod reweighted;
+pub mod weighted_sum;
 
 pub use joint::{JointBackend, JointFit, JointGradients, Problems, joint};
 pub use lstsq::{Factored, LstsqBackend, LstsqGradients, lstsq};
@@ -51,6 +52,7 @@ by_default!(
     pack::PackBackend,
     propagate::PropagateBackend,
     propagate::PropagateGradients,
+    weighted_sum::WeightedSumBackend,
 );
 
 #[cfg(feature = "wgpu")]
@@ -58,8 +60,6 @@ by_default!(
     burn_cubecl::CubeBackend:
     conv_norm::ConvNormBackend,
     conv_norm::ConvNormGradients,
-    joint::JointBackend,
-    joint::JointGradients,
     propagate::PropagateBackend,
     propagate::PropagateGradients,
 );

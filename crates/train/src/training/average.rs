@@ -33,12 +33,7 @@ fn vectors<M: Module>(module: &M) -> Vec<Tensor<1>> {
 
     impl ModuleVisitor for Collector {
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            let value = param.val();
-            let value = if value.device().is_autodiff() {
-                value.inner()
-            } else {
-                value
-            };
+            let value = param.val().inner();
             let count = value.shape().num_elements();
             self.0.push(value.reshape([count]));
         }

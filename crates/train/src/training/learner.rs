@@ -5,7 +5,7 @@ use super::config::TrainedPart;
 use super::loss::{field_losses, map_losses};
 use super::optimiser::Optimiser;
 use super::parallel::gradients;
-use super::step::StepLosses;
+use super::step::{StepLosses, UnreadLosses};
 use super::{LossConfig, Losses, TeacherOutput, TrainConfig, losses};
 use crate::model::BasisNet;
 use crate::model::layers::FreezeStatistics;
@@ -14,7 +14,7 @@ use crate::sample::Batch;
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use lsdc_core::fit::FitConfig;
-use lsdc_files::error::{Cause, Error, Result};
+use lsdc_files::error::Result;
 
 /// The losses minimised by a step.
 pub trait Objective<M>: Sync {
@@ -111,26 +111,36 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
         self
     }
 
-    /// Takes a step with a learning rate; `number` counts steps from 1. The batch may be divided among several devices, the
-    /// first of which is that of the network.
+    /// Takes a step with a learning rate, and reads its losses; `number` counts steps from 1. The batch may be divided among
+    /// several devices, the first of which is that of the network.
     ///
     /// # Errors
     /// There is no share, or the loss is not finite.
-    pub fn step(
+    pub fn step(self, shares: &[Batch], rate: f64, number: usize) -> Result<(Self, StepLosses)> {
+        let (after, losses) = self.step_unread(shares, rate, number)?;
+        let read = UnreadLosses::read(vec![losses])?;
+        Ok((after, read[0]))
+    }
+
+    /// Takes a step like [`step`](Self::step), but leaves the losses on the device, so that a GPU need not complete it first.
+    ///
+    /// # Errors
+    /// There is no share.
+    pub fn step_unread(
         mut self,
         shares: &[Batch],
         rate: f64,
         number: usize,
-    ) -> Result<(Self, StepLosses)> {
+    ) -> Result<(Self, UnreadLosses)> {
         let objective = &self.objective;
-        let (gradients, step) = gradients(&self.net, shares, |net, batch, part| {
+        let (gradients, losses) = gradients(&self.net, shares, |net, batch, part| {
             descent(objective, net, batch, part)
         })?;
         self.net = self.optimiser.step(rate, self.net, gradients);
         self.average = self
             .average
             .map(|(average, decay)| (follow(average, &self.net, decay, number), decay));
-        Ok((self, step))
+        Ok((self, losses))
     }
 }
 
@@ -140,15 +150,9 @@ fn descent<M: Module>(
     net: &M,
     batch: &Batch,
     part: f64,
-) -> Result<(GradientsParams, StepLosses)> {
+) -> Result<(GradientsParams, UnreadLosses)> {
     let losses = objective.losses(net, batch)?;
-    let step = StepLosses::of(&losses);
-    if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
-        return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
-            "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \
-             training goes on from the last checkpoint",
-        ));
-    }
+    let step = UnreadLosses::of(&losses);
     let gradients = (losses.total * part).backward();
     Ok((GradientsParams::from_grads(gradients, net), step))
 }

@@ -39,4 +39,4 @@ pub use record::TrainingRecord;
 pub use run::{RunOutcome, Subject, Trainer};
 pub use scenes::Scenes;
 pub use schedule::Schedule;
-pub use step::StepLosses;
+pub use step::{StepLosses, UnreadLosses};

@@ -2,7 +2,7 @@
 //! (implicit GEMM, Chetlur et al. 2014). A cube computes one tile of the result from tiles in its shared memory.
 
 use super::{ConvBackend, ConvGradients, ConvSpec, reference, reference_input, reference_weight};
-use crate::ops::gpu::{UNITS, cube, empty, sum_of_parts, tile, tiles};
+use crate::ops::gpu::{UNITS, cube, cubes, empty, tile, tiles};
 use burn::backend::TensorMetadata as _;
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
@@ -87,8 +87,7 @@ impl ConvGradients for CubeBackend {
             return reference_weight::<Self>(x, weight, grad, spec);
         }
         let geometry = Geometry::new(&x, &weight, spec);
-        let gradient = of_weights(into_contiguous(x), into_contiguous(grad), geometry);
-        Self::float_permute(gradient, &[3, 2, 0, 1])
+        of_weights(into_contiguous(x), into_contiguous(grad), geometry)
     }
 }
 
@@ -133,7 +132,7 @@ fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -
     result
 }
 
-/// Computes the gradient `[taps, taps, in, out]` of weights: sums over parts of all pixels, then the sum of the parts.
+/// Computes the gradient `[out, in, taps, taps]` of weights: sums over parts of all pixels, then the sum of the parts.
 fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
     let Geometry {
         batch, taps, spec, ..
@@ -142,8 +141,8 @@ fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
     let pixels = batch * rows * columns;
     let across = if outputs > 2 * SIDE { 4 } else { 2 };
     let places = [inputs.div_ceil(ROWS), outputs.div_ceil(SIDE * across)];
-    let cubes = places[0] * places[1] * taps * taps;
-    let count = ENOUGH.div_ceil(cubes).min(pixels.div_ceil(PART));
+    let per_part = places[0] * places[1] * taps * taps;
+    let count = ENOUGH.div_ceil(per_part).min(pixels.div_ceil(PART));
     let part = pixels.div_ceil(count).next_multiple_of(DEPTH);
     let count = pixels.div_ceil(part);
     let parts = empty(&x, [count, taps, taps, inputs, outputs]);
@@ -172,7 +171,36 @@ fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
         part as u32,
         across,
     );
-    sum_of_parts(parts, [taps, taps, inputs, outputs])
+    let result = empty(&x, [outputs, inputs, taps, taps]);
+    sum_weights::launch(
+        &x.client,
+        cubes(&x, result.meta.num_elements()),
+        cube(),
+        parts.into_buffer_arg(),
+        result.clone().into_buffer_arg(),
+        inputs as u32,
+        outputs as u32,
+    );
+    result
+}
+
+/// Sums `parts [parts, taps, taps, inputs, outputs]` to `result [outputs, inputs, taps, taps]`.
+#[cube(launch)]
+fn sum_weights(parts: &[f32], result: &mut [f32], inputs: u32, outputs: u32) {
+    let (inputs, outputs) = (inputs as usize, outputs as usize);
+    let count = result.len();
+    if ABSOLUTE_POS < count {
+        let mut total = 0.0f32;
+        let mut at = ABSOLUTE_POS;
+        while at < parts.len() {
+            total += parts[at];
+            at += count;
+        }
+        let output = ABSOLUTE_POS % outputs;
+        let input = ABSOLUTE_POS / outputs % inputs;
+        let tap = ABSOLUTE_POS / outputs / inputs;
+        result[(output * inputs + input) * (count / inputs / outputs) + tap] = total;
+    }
 }
 
 /// Returns the index along an axis of an input of `length` read by a tap of output `at`; `length` if outside.

@@ -69,6 +69,30 @@ fn reference_part<B: Backend>(
     B::float_slice(packed, &[range(start, length)])
 }
 
+/// Copies any number of vectors to their places in `packed`, which shares its memory with no other tensor.
+pub(super) fn pack_parts<B: PackBackend>(
+    packed: FloatTensor<B>,
+    parts: &[FloatTensor<B>],
+    places: &[(usize, usize)],
+) -> FloatTensor<B> {
+    let chunks = parts.chunks(PARTS).zip(places.chunks(PARTS));
+    chunks.fold(packed, |packed, (parts, places)| {
+        let part = |i: usize| parts.get(i).unwrap_or(&parts[0]).clone();
+        let place = |i: usize| places.get(i).copied().unwrap_or((0, 0));
+        B::pack(
+            packed,
+            part(0),
+            part(1),
+            part(2),
+            part(3),
+            part(4),
+            part(5),
+            part(6),
+            std::array::from_fn(place),
+        )
+    })
+}
+
 fn range(start: usize, length: usize) -> Slice {
     Slice::from(start..start + length)
 }
@@ -102,22 +126,9 @@ impl Layout {
     pub fn pack(&self, parts: &[Tensor<1>]) -> Tensor<1> {
         debug_assert_eq!(parts.len(), self.places.len());
         let like = (&parts[0].device(), parts[0].dtype());
-        let mut packed = Tensor::<1>::zeros([self.size], like).into_dispatch();
-        for (parts, places) in parts.chunks(PARTS).zip(self.places.chunks(PARTS)) {
-            let part = |i: usize| parts.get(i).unwrap_or(&parts[0]).clone().into_dispatch();
-            packed = Dispatch::pack(
-                packed,
-                part(0),
-                part(1),
-                part(2),
-                part(3),
-                part(4),
-                part(5),
-                part(6),
-                std::array::from_fn(|i| places.get(i).copied().unwrap_or((0, 0))),
-            );
-        }
-        Tensor::from_dispatch(packed)
+        let packed = Tensor::<1>::zeros([self.size], like).into_dispatch();
+        let parts: Vec<_> = parts.iter().cloned().map(Tensor::into_dispatch).collect();
+        Tensor::from_dispatch(pack_parts::<Dispatch>(packed, &parts, &self.places))
     }
 
     /// Returns a part of a vector. On a GPU, it shares the memory of the vector if its start is aligned.

@@ -9,6 +9,7 @@ mod tests;
 use super::TrainConfig;
 use super::config::OptimiserKind;
 use crate::ops::pack::{ALIGNMENT, Layout};
+use crate::ops::weighted_sum::weighted_sum;
 use crate::traffic::count_readback;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param, ParamId};
 use burn::optim::GradientsParams;
@@ -195,7 +196,7 @@ impl Group {
             gradient = clipped(gradient, rows, found.len(), limit);
         }
         if self.decay > 0.0 {
-            gradient = values.clone() * self.decay + gradient;
+            gradient = weighted_sum(values.clone(), self.decay, gradient, 1.0);
         }
         self.steps += 1;
         let shapes = &self.members.shapes;

@@ -3,6 +3,7 @@
 //! matrices of one shape are multiplied together.
 
 use crate::ops::pack::Layout;
+use crate::ops::weighted_sum::weighted_sum;
 use burn::tensor::Tensor;
 use std::ops::Range;
 
@@ -41,8 +42,8 @@ pub(super) fn step(
     let [velocity] = moments else {
         return gradient.zeros_like();
     };
-    *velocity = velocity.clone() * MOMENTUM + gradient.clone();
-    let ahead = velocity.clone() * MOMENTUM + gradient;
+    *velocity = weighted_sum(velocity.clone(), MOMENTUM, gradient.clone(), 1.0);
+    let ahead = weighted_sum(velocity.clone(), MOMENTUM, gradient, 1.0);
     let mut whole = Layout::default();
     let mut steps = Vec::new();
     for stack in stacks(shapes) {
@@ -70,8 +71,8 @@ fn orthogonal(x: Tensor<3>) -> Tensor<3> {
     for _ in 0..ITERATIONS {
         let square = x.clone().matmul(x.clone().transpose());
         let fourth = square.clone().matmul(square.clone());
-        let factor = square * b + fourth * c;
-        x = x.clone() * a + factor.matmul(x);
+        let factor = weighted_sum(square, b, fourth, c);
+        x = weighted_sum(x.clone(), a, factor.matmul(x), 1.0);
     }
     x
 }

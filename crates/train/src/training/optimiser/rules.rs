@@ -2,6 +2,7 @@
 
 use super::ALIGNMENT;
 use crate::ops::pack::Layout;
+use crate::ops::weighted_sum::weighted_sum;
 use burn::tensor::{IndexingUpdateOp, Int, Tensor};
 
 /// The rule of a group of parameters.
@@ -81,8 +82,8 @@ pub(super) fn adam(
     let [first, second] = moments else {
         return gradient.zeros_like();
     };
-    *first = first.clone() * FIRST + gradient.clone() * (1.0 - FIRST);
-    *second = second.clone() * SECOND + gradient.square() * (1.0 - SECOND);
+    *first = weighted_sum(first.clone(), FIRST, gradient.clone(), 1.0 - FIRST);
+    *second = weighted_sum(second.clone(), SECOND, gradient.square(), 1.0 - SECOND);
     // Moments start at 0; these factors make up for it.
     let steps = steps as i32;
     let root = (1.0 - SECOND.powi(steps)).sqrt();
@@ -96,6 +97,6 @@ pub(super) fn sgd(moments: &mut [Tensor<1>], gradient: Tensor<1>, rate: f64) -> 
     let [velocity] = moments else {
         return gradient.zeros_like();
     };
-    *velocity = velocity.clone() * MOMENTUM + gradient;
+    *velocity = weighted_sum(velocity.clone(), MOMENTUM, gradient, 1.0);
     velocity.clone() * rate
 }
