@@ -7,6 +7,8 @@ use lsdc_train::ops::conv::{ConvSpec, conv2d};
 use lsdc_train::ops::conv_norm::{ConvNormSpec, FixedNorm, conv_norm};
 use lsdc_train::ops::interpolate::{BilinearCell, interpolate};
 use lsdc_train::ops::norm::{NormSpec, moments, normalise};
+use lsdc_train::ops::pack::Layout;
+use lsdc_train::ops::weighted_sum::weighted_sum;
 
 /// Draws random numbers around `mean`, from the stream of a name.
 fn random(count: usize, name: &str, mean: f64) -> Vec<f64> {
@@ -59,6 +61,8 @@ fn convolutions_agree() {
         cases.extend(three.map(|spec| ([2, 31, 18], channels, 3, spec)));
         cases.push(([2, 31, 18], channels, 1, ConvSpec::pointwise()));
     }
+    // As many pixels as larger tiles need.
+    cases.push(([1, 258, 255], [5, 6], 3, ConvSpec::same(1)));
     for (taps, stride) in [(3, 1), (5, 2)] {
         cases.push(([2, 7, 9], [24, 24], taps, ConvSpec::depthwise(taps, stride)));
     }
@@ -198,4 +202,30 @@ fn reading_between_pixels_agrees() {
             },
         );
     }
+}
+
+#[test]
+fn parts_and_weighted_sums_agree() {
+    let lengths = [3, 64, 65, 65, 1, 300, 7, 2, 130];
+    check("parts", 1e-6, |device, dtype| {
+        let device = &device.clone().inner();
+        let mut layout = Layout::default();
+        layout.push(1, 3);
+        layout.push(1, 64);
+        layout.push(2, 65);
+        for &length in &lengths[4..] {
+            layout.push(1, length);
+        }
+        let part = |i: usize| tensor([lengths[i]], (&format!("part {i}"), 0.0), device, dtype);
+        let parts: Vec<Tensor<1>> = (0..lengths.len()).map(part).collect();
+        let packed = layout.pack(&parts);
+        // Parts of a vector are operands like any other.
+        let own = (0..lengths.len()).map(|i| layout.part(&packed, i));
+        let sums = own
+            .zip(parts)
+            .map(|(own, part)| weighted_sum(own, 2.0, part, -0.5));
+        let mut all: Vec<Vec<f64>> = sums.map(|sum| read(sum.into_data())).collect();
+        all.push(read(packed.into_data()));
+        all
+    });
 }
