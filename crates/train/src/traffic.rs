@@ -37,8 +37,7 @@ thread_local! {
     static COUNTS: RefCell<Option<Traffic>> = const { RefCell::new(None) };
 }
 
-/// Runs a function, and counts what it does on this thread. Counts within each other are independent; counts of other threads at
-/// the same time may miss launches.
+/// Runs a function, and counts what it does on this thread. An outer count does not include an inner one.
 pub fn counted<T>(run: impl FnOnce() -> T) -> (T, Traffic) {
     let outer = COUNTS.replace(Some(Traffic::default()));
     #[cfg(feature = "wgpu")]
@@ -65,7 +64,7 @@ fn count(add: impl FnOnce(&mut Traffic)) {
 #[cfg(feature = "wgpu")]
 mod launches {
     use burn_cubecl::cubecl::logging::{LaunchObservation, LaunchObserver};
-    use std::sync::Arc;
+    use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
     struct Counter;
 
@@ -75,7 +74,32 @@ mod launches {
         }
     }
 
-    pub(super) fn watch() -> LaunchObservation {
-        LaunchObservation::new(Arc::new(Counter))
+    /// The number of counts under way, and the observation that they share: cubecl has one observer at a time.
+    static WATCHING: Mutex<(usize, Option<LaunchObservation>)> = Mutex::new((0, None));
+
+    fn watching() -> MutexGuard<'static, (usize, Option<LaunchObservation>)> {
+        WATCHING.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Observes launches until it is dropped.
+    pub(super) struct Watch;
+
+    pub(super) fn watch() -> Watch {
+        let mut watching = watching();
+        watching.0 += 1;
+        watching
+            .1
+            .get_or_insert_with(|| LaunchObservation::new(Arc::new(Counter)));
+        Watch
+    }
+
+    impl Drop for Watch {
+        fn drop(&mut self) {
+            let mut watching = watching();
+            watching.0 -= 1;
+            if watching.0 == 0 {
+                watching.1 = None;
+            }
+        }
     }
 }
