@@ -69,6 +69,20 @@ fn ndarray() -> Device {
 #[cfg(feature = "wgpu")]
 static OPENED: Mutex<BTreeMap<String, (Device, Adapter)>> = Mutex::new(BTreeMap::new());
 
+/// Returns whether a device is a GPU, or a software driver for one, that [`device`] opened.
+pub fn is_gpu(device: &Device) -> bool {
+    #[cfg(feature = "wgpu")]
+    {
+        let opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
+        opened.values().any(|(known, _)| known == device)
+    }
+    #[cfg(not(feature = "wgpu"))]
+    {
+        let _ = device;
+        false
+    }
+}
+
 /// Returns the GPU for prepared networks that corresponds to a device; `None` if the device is not a GPU.
 ///
 /// # Errors

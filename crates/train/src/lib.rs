@@ -25,4 +25,5 @@ pub mod model;
 pub mod ops;
 pub mod predict;
 pub mod sample;
+pub mod traffic;
 pub mod training;

@@ -11,10 +11,11 @@ use lsdc_eval::data::Split;
 use lsdc_eval::evaluation::median_ms;
 use lsdc_eval::sampling::{Protocol, Size};
 use lsdc_files::error::{Error, Result};
-use lsdc_train::device::device;
+use lsdc_train::device::{device, is_gpu};
 use lsdc_train::model::InitNetwork as _;
 use lsdc_train::sample::{Batch, Encoding, Sampler, SamplerConfig};
-use lsdc_train::training::{Learner, TrainConfig};
+use lsdc_train::traffic::{Traffic, counted};
+use lsdc_train::training::{Learner, TrainConfig, UnreadLosses};
 use lsdc_weights::{encoder_of, open_weights};
 use serde::Serialize;
 use std::sync::Arc;
@@ -27,17 +28,25 @@ struct Training {
     step_ms: f64,
     batch: usize,
     peak_mb: Option<f64>,
+    /// Launches of GPU kernels and read-backs of one step.
+    traffic: Traffic,
     #[serde(flatten)]
     setting: Setting,
 }
 
 pub(super) fn run(args: &Bench) -> Result<Exit> {
     let outcome = train(args)?;
-    let lines = [
+    let mut lines = vec![
         work(&outcome.setting, &ui::counted(outcome.batch, "image")),
         format!("step      {:8.1} ms", outcome.step_ms),
     ];
-    report(args.json, &outcome, lines.into(), outcome.peak_mb)
+    let launches = outcome.traffic.launched();
+    if launches > 0 {
+        let readbacks = outcome.traffic.readbacks;
+        lines.push(format!("launches  {launches:8}"));
+        lines.push(format!("read-backs{readbacks:8}"));
+    }
+    report(args.json, &outcome, lines, outcome.peak_mb)
 }
 
 /// The conditions of a training step.
@@ -103,15 +112,35 @@ fn train(args: &Bench) -> Result<Training> {
     if config.freeze_statistics < 0.5 {
         learner = learner.freeze_statistics();
     }
+    let step = |learner: Learner, number| {
+        learner.step_unread(std::slice::from_ref(&batch), config.learning_rate, number)
+    };
+    // Losses are read as runs read them: from a GPU together, elsewhere after every step.
+    let together = if is_gpu(&device.inner()) {
+        args.runs
+    } else {
+        1
+    };
     let mut times = Vec::with_capacity(args.runs);
-    for run in 0..=args.runs {
+    let (next, losses) = step(learner, 1)?;
+    learner = next;
+    UnreadLosses::read(vec![losses])?;
+    while times.len() < args.runs {
+        let mut unread = Vec::with_capacity(together);
         let started = Instant::now();
-        (learner, _) = learner.step(std::slice::from_ref(&batch), config.learning_rate, run + 1)?;
-        if run > 0 {
-            times.push(started.elapsed());
+        for _ in 0..together {
+            let losses;
+            (learner, losses) = step(learner, times.len() + 2)?;
+            unread.push(losses);
         }
+        UnreadLosses::read(unread)?;
+        let mean = started.elapsed() / together as u32;
+        times.extend(std::iter::repeat_n(mean, together));
     }
+    let (last, traffic) = counted(|| step(learner, args.runs + 2));
+    last?;
     Ok(Training {
+        traffic,
         step_ms: median_ms(times.into_iter())?,
         batch: config.batch,
         peak_mb: peak_memory(),

@@ -3,8 +3,9 @@
 use super::extractor::ExtractorOutput;
 use super::layers::{Hidden, Init, Linear};
 use super::{encoding, grid};
+use crate::device::is_gpu;
 use burn::module::Module;
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::{Device, Int, Tensor, TensorData};
 use lsdc_core::network::MAX_LOG_DEPTH;
 use lsdc_core::network::NetworkConfig;
 use rayon::prelude::*;
@@ -68,11 +69,18 @@ impl Bases {
 
     /// Returns the hidden layer from which basis functions at pixels are computed, as in [`Bases::at`].
     pub fn hidden_at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> HiddenBases {
-        let encode = |list: &Vec<u32>| encoding::encode(size, list, self.head.octaves);
+        let octaves = self.head.octaves;
+        let encode = |list: &Vec<u32>| encoding::encode(size, list, octaves);
         self.hidden(
             [pixels.len(), pixels.first().map_or(0, Vec::len)],
             |map| grid::sample(map, size, pixels),
-            || pixels.par_iter().map(encode).collect::<Vec<_>>().concat(),
+            |device| {
+                if is_gpu(&device.clone().inner()) {
+                    return encoding::encode_on_device(size, pixels, octaves, device);
+                }
+                let codes = pixels.par_iter().map(encode).collect::<Vec<_>>().concat();
+                rows_of(codes, octaves, device)
+            },
         )
     }
 
@@ -103,7 +111,11 @@ impl Bases {
         let hidden = self.hidden(
             [1, places.len()],
             |map| grid::sample_places(map, size, places),
-            || encoding::encode_places(size, places, self.head.octaves),
+            |device| {
+                let octaves = self.head.octaves;
+                let codes = encoding::encode_places(size, places, octaves);
+                rows_of(codes, octaves, device)
+            },
         );
         hidden.functions()
     }
@@ -113,7 +125,7 @@ impl Bases {
         &self,
         [batch, count]: [usize; 2],
         sample: impl Fn(Tensor<4>) -> Tensor<2>,
-        codes: impl FnOnce() -> Vec<f32>,
+        codes: impl FnOnce(&Device) -> Tensor<2>,
     ) -> HiddenBases {
         let ExtractorOutput {
             features,
@@ -124,8 +136,7 @@ impl Bases {
         let logarithm = logarithm.map(sample);
         let width = encoding::channels(self.head.octaves);
         if width > 0 {
-            let codes = TensorData::new(codes(), [batch * count, width]);
-            rows = Tensor::cat(vec![rows, Tensor::from_data(codes, &device)], 1);
+            rows = Tensor::cat(vec![rows, codes(&device)], 1);
         }
         let hidden = self.head.forward(rows);
         let width = hidden.dims()[1];
@@ -227,6 +238,13 @@ impl HiddenBases {
     fn rows(&self) -> Tensor<2> {
         self.hidden.clone().flatten(0, 1)
     }
+}
+
+/// Returns codes of positions as rows.
+fn rows_of(codes: Vec<f32>, octaves: usize, device: &Device) -> Tensor<2> {
+    let width = encoding::channels(octaves);
+    let rows = codes.len() / width.max(1);
+    Tensor::from_data(TensorData::new(codes, [rows, width]), device)
 }
 
 /// Returns a map from its logarithm.

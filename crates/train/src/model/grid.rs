@@ -1,24 +1,16 @@
 //! Interpolation of features between pixel centres.
 
-use crate::ops::interpolate::{BilinearCell, interpolate};
+use crate::ops::interpolate::{Between, PixelReads, cell, interpolate, interpolate_pixels};
 use burn::tensor::Tensor;
 use lsdc_core::bilinear::neighbours;
-
-/// A position along an axis of the features: two neighbours, and the weight of the second.
-type Between = (usize, usize, f32);
 
 /// Reads features `[batch, h, w, channels]` at pixels of an image of `size` (height, width).
 ///
 /// `pixels[b]` lists `y * width + x`, with the same length for each image; the result is `[batch * pixels, channels]`.
 pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<2> {
     let [_, h, w, _] = features.dims();
-    let (rows, columns) = (axis(size.0, h), axis(size.1, w));
-    let cell = |&pixel: &u32| {
-        let pixel = pixel as usize;
-        cell(w, rows[pixel / size.1], columns[pixel % size.1])
-    };
-    let lists = pixels.iter().map(|list| list.iter().map(cell).collect());
-    read(features, lists.collect())
+    let reads = PixelReads::some([h, w], axes(size, (h, w)), pixels.to_vec());
+    interpolate_pixels(features, reads)
 }
 
 /// Reads features `[1, h, w, channels]` at positions (u, v) of an image of `size` (height, width):
@@ -28,49 +20,30 @@ pub(super) fn sample_places(
     size: (usize, usize),
     places: &[[f64; 2]],
 ) -> Tensor<2> {
-    let [_, h, w, _] = features.dims();
+    let [images, h, w, channels] = features.dims();
     let cell = |&[u, v]: &[f64; 2]| cell(w, between(v, size.0, h), between(u, size.1, w));
-    read(features, vec![places.iter().map(cell).collect()])
+    let table = features.reshape([images, h * w, channels]);
+    interpolate(table, vec![places.iter().map(cell).collect()])
 }
 
 /// Upsamples features `[batch, h, w, channels]` bilinearly to `size` (height, width).
 pub(super) fn enlarged(features: Tensor<4>, size: (usize, usize)) -> Tensor<4> {
     let [batch, h, w, channels] = features.dims();
-    let (rows, columns) = (axis(size.0, h), axis(size.1, w));
-    let along = |&row: &Between| columns.iter().map(move |&column| cell(w, row, column));
-    let cells: Vec<BilinearCell> = rows.iter().flat_map(along).collect();
-    read(features, vec![cells; batch]).reshape([batch, size.0, size.1, channels])
+    let reads = PixelReads::every([h, w], batch, axes(size, (h, w)));
+    interpolate_pixels(features, reads).reshape([batch, size.0, size.1, channels])
 }
 
-/// Returns the positions of the pixels of an axis of length `from` along one of length `to`.
-fn axis(from: usize, to: usize) -> Vec<Between> {
-    let pixels = 0..from;
-    pixels.map(|i| between(i as f64, from, to)).collect()
+/// Returns the positions of the rows and columns of images of a size (height, width) in maps of another.
+fn axes(from: (usize, usize), to: (usize, usize)) -> [Vec<Between>; 2] {
+    [(from.0, to.0), (from.1, to.1)].map(|(from, to)| {
+        let pixels = 0..from;
+        pixels.map(|i| between(i as f64, from, to)).collect()
+    })
 }
 
 fn between(place: f64, from: usize, to: usize) -> Between {
     let (low, high, share) = neighbours(place, from, to);
     (low, high, share as f32)
-}
-
-/// Returns a cell of a feature map of width `w`.
-fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> BilinearCell {
-    let row = |row: usize, column: usize| (row * w + column) as u32;
-    BilinearCell {
-        rows: [
-            row(top, left),
-            row(top, right),
-            row(bottom, left),
-            row(bottom, right),
-        ],
-        shares: [(1.0 - v) * (1.0 - u), (1.0 - v) * u, v * (1.0 - u), v * u],
-    }
-}
-
-/// Interpolates features `[images, h, w, channels]` in the cells of each image.
-fn read(features: Tensor<4>, cells: Vec<Vec<BilinearCell>>) -> Tensor<2> {
-    let [images, h, w, channels] = features.dims();
-    interpolate(features.reshape([images, h * w, channels]), cells)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use crate::ops::conv::{ConvSpec, conv2d, linear};
 use crate::ops::conv_norm::{ConvNormSpec, FixedNorm, conv_norm, linear_norm};
 use crate::ops::norm::{NormSpec, moments, normalise};
+use crate::ops::weighted_sum::weighted_sum;
 use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
 use burn::nn::{GroupNorm, GroupNormConfig};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -104,9 +105,20 @@ impl BatchNorm {
     }
 
     fn follow(&self, running: &RunningState<Tensor<1>>, now: Tensor<1>) {
-        running.update(running.value() * (1.0 - self.momentum) + now * self.momentum);
-        // Written immediately, so that a checkpoint includes the last batch.
-        running.value_sync();
+        let [before, now] = [running.value(), now].map(Tensor::inner);
+        let after = weighted_sum(before, 1.0 - self.momentum, now, self.momentum);
+        // Clones share the value. It is written immediately, so that a checkpoint includes the last batch, and not as one of
+        // several threads' values, of which burn would compute the mean.
+        running.clone().map(&mut Replace(Tensor::from_inner(after)));
+    }
+}
+
+/// Replaces the value of a running statistic.
+struct Replace(Tensor<1>);
+
+impl ModuleMapper for Replace {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        param.map(|old| self.0.clone().reshape(old.dims()))
     }
 }
 

@@ -1,5 +1,6 @@
 //! The tensors of a module by their paths.
 
+use crate::traffic::count_readback;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{DType, Tensor, TensorData};
 use lsdc_core::weights::{Tensor as Table, is_statistic};
@@ -39,6 +40,34 @@ pub fn parameter_count<M: Module>(module: &M) -> usize {
         .sum()
 }
 
+/// Returns the shapes of all float tensors of a module.
+pub(crate) fn shapes<M: Module>(module: &M) -> BTreeMap<String, Vec<usize>> {
+    let mut collector = ShapeCollector::default();
+    module.visit(&mut collector);
+    collector.found
+}
+
+#[derive(Default)]
+struct ShapeCollector {
+    path: Vec<String>,
+    found: BTreeMap<String, Vec<usize>>,
+}
+
+impl ModuleVisitor for ShapeCollector {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let shape = param.shape().to_vec();
+        self.found.insert(self.path.join("."), shape);
+    }
+}
+
 #[derive(Default)]
 struct Collector {
     path: Vec<String>,
@@ -55,6 +84,7 @@ impl ModuleVisitor for Collector {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        count_readback();
         self.found.push(NamedTensor {
             name: self.path.join("."),
             data: param.val().into_data().convert_dtype(DType::F32),

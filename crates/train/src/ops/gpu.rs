@@ -1,6 +1,10 @@
 //! Helpers shared by the GPU kernels.
 
+use super::host::read;
+use super::pack::{Layout, pack_parts};
+use burn::backend::ops::FloatTensorOps as _;
 use burn::tensor::{DType, Shape};
+use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::cubecl::{self, calculate_cube_count_elemwise};
 use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
@@ -37,6 +41,22 @@ pub(super) fn tile() -> usize {
 /// Returns the size of a cube of [`UNITS`].
 pub(super) fn cube() -> CubeDim {
     CubeDim::new_1d(UNITS as u32)
+}
+
+/// Reads tensors in one transfer.
+pub(super) fn read_together<const N: usize>(tensors: [CubeTensor; N]) -> [Vec<f64>; N] {
+    let mut layout = Layout::default();
+    let parts = tensors.map(|tensor| {
+        let count = tensor.meta.num_elements();
+        layout.push(1, count);
+        CubeBackend::float_reshape(tensor, Shape::new([count]))
+    });
+    let packed = empty(&parts[0], [layout.size()]);
+    let values = read::<CubeBackend>(pack_parts::<CubeBackend>(packed, &parts, layout.places()));
+    std::array::from_fn(|i| {
+        let (start, length) = layout.places()[i];
+        values[start..start + length].to_vec()
+    })
 }
 
 /// Sums `parts [parts, ..shape]` over the first axis.

@@ -1,11 +1,13 @@
 //! Conversion of tensors of any backend to and from f64 on the host.
 
+use crate::traffic::count_readback;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
 use burn::tensor::{DType, TensorData, try_read_sync};
 
 /// Reads the values of a tensor; NaN, which the caller's checks detect, if the device was lost.
 pub(super) fn read<B: Backend>(tensor: FloatTensor<B>) -> Vec<f64> {
+    count_readback();
     let count = tensor.shape().num_elements();
     match try_read_sync(B::float_into_data(tensor)) {
         Some(Ok(data)) => data.iter::<f64>().collect(),

@@ -10,8 +10,10 @@ pub mod interpolate;
 mod joint;
 mod lstsq;
 pub mod norm;
+pub mod pack;
 pub mod propagate;
 mod reweighted;
+pub mod weighted_sum;
 
 pub use joint::{JointBackend, JointFit, JointGradients, Problems, joint};
 pub use lstsq::{Factored, LstsqBackend, LstsqGradients, lstsq};
@@ -47,8 +49,10 @@ by_default!(
     lstsq::LstsqGradients,
     norm::NormBackend,
     norm::NormGradients,
+    pack::PackBackend,
     propagate::PropagateBackend,
     propagate::PropagateGradients,
+    weighted_sum::WeightedSumBackend,
 );
 
 #[cfg(feature = "wgpu")]
@@ -56,8 +60,6 @@ by_default!(
     burn_cubecl::CubeBackend:
     conv_norm::ConvNormBackend,
     conv_norm::ConvNormGradients,
-    joint::JointBackend,
-    joint::JointGradients,
     propagate::PropagateBackend,
     propagate::PropagateGradients,
 );

@@ -1,37 +1,67 @@
 //! The running average of a network over its last steps, which predicts better than any single step (Polyak and Juditsky 1992;
 //! in this form Tarvainen and Valpola 2017).
 
-use crate::model::parameters::{NamedTensor, named};
-use burn::module::{Module, ModuleMapper, Param};
-use burn::tensor::{Tensor, TensorData};
+use crate::ops::pack::Layout;
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::Tensor;
 
 /// Moves `average` towards `net` after the step with this number, counted from 1: by `1 - decay`, and by more in the first
 /// steps, so that the average does not depend on the random start.
 pub(super) fn follow<M: Module>(average: M, net: &M, decay: f64, step: usize) -> M {
     let step = step as f64;
-    average.map(&mut Mixer {
-        tensors: named(net).into_iter(),
-        decay: decay.min(step / (step + 10.0)) as f32,
-    })
+    let decay = decay.min(step / (step + 10.0));
+    let (old, now) = (vectors(&average), vectors(net));
+    if old.is_empty() {
+        return average;
+    }
+    let mut layout = Layout::default();
+    for part in &old {
+        layout.push(1, part.dims()[0]);
+    }
+    let (old, now) = (layout.pack(&old), layout.pack(&now));
+    let mut parts = Parts {
+        packed: now.clone() + (old - now) * decay,
+        layout,
+        next: 0,
+    };
+    average.map(&mut parts)
 }
 
-/// Moves the tensors of a module towards those of another, in order.
-struct Mixer {
-    tensors: std::vec::IntoIter<NamedTensor>,
-    decay: f32,
+/// Returns the tensors of a module as vectors, in order.
+fn vectors<M: Module>(module: &M) -> Vec<Tensor<1>> {
+    struct Collector(Vec<Tensor<1>>);
+
+    impl ModuleVisitor for Collector {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let value = param.val().inner();
+            let count = value.shape().num_elements();
+            self.0.push(value.reshape([count]));
+        }
+    }
+
+    let mut collector = Collector(Vec::new());
+    module.visit(&mut collector);
+    collector.0
 }
 
-impl ModuleMapper for Mixer {
+/// Gives the tensors of a module the values of a vector, in order.
+struct Parts {
+    packed: Tensor<1>,
+    layout: Layout,
+    next: usize,
+}
+
+impl ModuleMapper for Parts {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let Some(now) = self.tensors.next() else {
-            return param;
-        };
-        let decay = self.decay;
+        let values = self.layout.part(&self.packed, self.next);
+        self.next += 1;
         param.map(|tensor| {
-            let old = tensor.to_data();
-            let pairs = old.iter::<f32>().zip(now.data.iter::<f32>());
-            let values: Vec<f32> = pairs.map(|(a, b)| b + decay * (a - b)).collect();
-            Tensor::from_data(TensorData::new(values, old.shape()), &tensor.device())
+            let new = values.reshape(tensor.dims());
+            if tensor.device().is_autodiff() {
+                Tensor::from_inner(new)
+            } else {
+                new
+            }
         })
     }
 }
@@ -39,6 +69,7 @@ impl ModuleMapper for Mixer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::parameters::named;
     use crate::model::{BasisNet, InitNetwork as _};
     use burn::tensor::Device;
     use lsdc_core::network::NetworkConfig;

@@ -1,11 +1,14 @@
 //! Checkpoints: the complete state for resuming a run with identical results.
 
 use super::Learner;
+use crate::model::parameters::shapes;
 use burn::module::Module;
 use burn::store::ModuleRecord;
 use burn::tensor::Bytes;
 use lsdc_eval::data::{write_atomically, write_folder_atomically};
 use lsdc_files::error::{Cause, Error, Result};
+use lsdc_weights::{Precision, read_tensors, stored_bytes};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Checkpoints of a run, one folder per step. A folder is written under a temporary name and renamed when complete; the last
@@ -16,7 +19,7 @@ pub(super) struct Checkpoints {
 
 const KEPT: usize = 2;
 const NETWORK: &str = "network.bpk";
-const OPTIMISER: &str = "optimiser.bpk";
+const OPTIMISER: &str = "optimiser.safetensors";
 const AVERAGE: &str = "average.bpk";
 
 impl Checkpoints {
@@ -51,11 +54,14 @@ impl Checkpoints {
             .as_ref()
             .map(|(net, _)| bytes(net))
             .transpose()?;
-        let state = learner.optimiser.into_bytes().map_err(|e| broken(&e))?;
-        let files = [(NETWORK, Some(&network)), (OPTIMISER, Some(&state))];
+        let state = learner.optimiser.tables();
+        let tensors = state.iter();
+        let tensors = tensors.map(|(name, table)| (name.clone(), table, Precision::Single));
+        let state = stored_bytes(tensors, HashMap::new())?;
+        let mut files: Vec<(&str, &[u8])> = vec![(NETWORK, &network), (OPTIMISER, &state)];
+        files.extend(average.as_deref().map(|bytes| (AVERAGE, bytes)));
         write_folder_atomically(&self.path(step), |folder| {
-            for (name, bytes) in files.into_iter().chain([(AVERAGE, average.as_ref())]) {
-                let Some(bytes) = bytes else { continue };
+            for (name, bytes) in files {
                 write_atomically(&folder.join(name), |out| out.write_all(bytes))?;
             }
             Ok(())
@@ -95,10 +101,17 @@ impl Checkpoints {
         if let Some((net, decay)) = learner.average {
             learner.average = Some((filled(net, AVERAGE)?, decay));
         }
-        learner.optimiser = learner
-            .optimiser
-            .from_bytes(read(OPTIMISER)?)
-            .map_err(|e| foreign(&e))?;
+        let path = self.path(step).join(OPTIMISER);
+        if !path.exists() {
+            return Err(Error::weights(format!(
+                "checkpoint `{}` is of an earlier version, with another optimiser",
+                self.path(step).display()
+            ))
+            .hint("finish the run with the version that began it, or begin a new one with `train.start`"));
+        }
+        let shapes = shapes(&learner.net);
+        let restored = learner.optimiser.restore(read_tensors(&path)?, &shapes);
+        restored.map_err(|name| foreign(&format_args!("state `{name}`")))?;
         Ok(learner)
     }
 

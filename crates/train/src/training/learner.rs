@@ -1,24 +1,20 @@
 //! A training step.
 
 use super::average::follow;
-use super::config::{OptimiserKind, TrainedPart};
+use super::config::TrainedPart;
 use super::loss::{field_losses, map_losses};
-use super::muon::FlattenedMuon;
+use super::optimiser::Optimiser;
 use super::parallel::gradients;
-use super::scaled_rate::ScaledRate;
-use super::step::StepLosses;
+use super::step::{StepLosses, UnreadLosses};
 use super::{LossConfig, Losses, TeacherOutput, TrainConfig, losses};
 use crate::model::BasisNet;
 use crate::model::layers::FreezeStatistics;
 use crate::ops::Reweighting;
 use crate::sample::Batch;
-use burn::grad_clipping::GradientClippingConfig;
-use burn::module::{Module, ParamGroup};
-use burn::optim::decay::WeightDecayConfig;
-use burn::optim::momentum::MomentumConfig;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer, SgdConfig};
+use burn::module::Module;
+use burn::optim::GradientsParams;
 use lsdc_core::fit::FitConfig;
-use lsdc_files::error::{Cause, Error, Result};
+use lsdc_files::error::Result;
 
 /// The losses minimised by a step.
 pub trait Objective<M>: Sync {
@@ -59,7 +55,7 @@ impl Objective<BasisNet> for FitObjective {
 /// A network with its optimiser and objective.
 pub struct Learner<M = BasisNet, O = FitObjective> {
     pub(super) net: M,
-    pub(super) optimiser: ModuleOptimizer,
+    pub(super) optimiser: Optimiser,
     objective: O,
     /// Running average over steps, and its decay per step.
     pub(super) average: Option<(M, f64)>,
@@ -95,39 +91,10 @@ impl Learner {
 impl<M: Module, O: Objective<M>> Learner<M, O> {
     /// Creates a learner from a network on an autodiff device and an objective, with the optimiser of `config`.
     pub fn with(net: M, objective: O, config: &TrainConfig) -> Self {
-        let decay = WeightDecayConfig::new(config.weight_decay);
-        let clip = config.clip.map(GradientClippingConfig::Norm);
-        let adam = AdamConfig::new()
-            .with_epsilon(1e-8)
-            .with_weight_decay(Some(decay.clone()))
-            .with_grad_clipping(clip.clone());
-        let pretrained = ScaledRate {
-            inner: adam.build(),
-            share: config.backbone.rate,
-        };
-        let clipping = clip.as_ref().map(GradientClippingConfig::init);
-        let optimiser = match config.optimiser {
-            OptimiserKind::Adam => adam.init(),
-            OptimiserKind::Sgd => {
-                let momentum = MomentumConfig::new().with_momentum(0.9).with_dampening(0.0);
-                SgdConfig::new()
-                    .with_weight_decay(Some(decay))
-                    .with_momentum(Some(momentum))
-                    .with_gradient_clipping(clip)
-                    .init()
-            }
-            // The name of the weights in all layers.
-            OptimiserKind::Muon => {
-                let group = ParamGroup::from_predicate("weight");
-                adam.init().with_group(group, FlattenedMuon::new(), None)
-            }
-        };
-        let backbone = ParamGroup::from_predicate("extractor.backbone.");
-        let optimiser = optimiser.with_group(backbone, pretrained, clipping);
         Self {
             average: config.average.map(|decay| (net.clone(), decay)),
             net,
-            optimiser,
+            optimiser: Optimiser::new(config),
             objective,
         }
     }
@@ -144,26 +111,36 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
         self
     }
 
-    /// Takes a step with a learning rate; `number` counts steps from 1. The batch may be divided among several devices, the
-    /// first of which is that of the network.
+    /// Takes a step with a learning rate, and reads its losses; `number` counts steps from 1. The batch may be divided among
+    /// several devices, the first of which is that of the network.
     ///
     /// # Errors
     /// There is no share, or the loss is not finite.
-    pub fn step(
+    pub fn step(self, shares: &[Batch], rate: f64, number: usize) -> Result<(Self, StepLosses)> {
+        let (after, losses) = self.step_unread(shares, rate, number)?;
+        let read = UnreadLosses::read(vec![losses])?;
+        Ok((after, read[0]))
+    }
+
+    /// Takes a step like [`step`](Self::step), but leaves the losses on the device, so that a GPU need not complete it first.
+    ///
+    /// # Errors
+    /// There is no share.
+    pub fn step_unread(
         mut self,
         shares: &[Batch],
         rate: f64,
         number: usize,
-    ) -> Result<(Self, StepLosses)> {
+    ) -> Result<(Self, UnreadLosses)> {
         let objective = &self.objective;
-        let (gradients, step) = gradients(&self.net, shares, |net, batch, part| {
+        let (gradients, losses) = gradients(&self.net, shares, |net, batch, part| {
             descent(objective, net, batch, part)
         })?;
         self.net = self.optimiser.step(rate, self.net, gradients);
         self.average = self
             .average
             .map(|(average, decay)| (follow(average, &self.net, decay, number), decay));
-        Ok((self, step))
+        Ok((self, losses))
     }
 }
 
@@ -173,15 +150,9 @@ fn descent<M: Module>(
     net: &M,
     batch: &Batch,
     part: f64,
-) -> Result<(GradientsParams, StepLosses)> {
+) -> Result<(GradientsParams, UnreadLosses)> {
     let losses = objective.losses(net, batch)?;
-    let step = StepLosses::of(&losses);
-    if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
-        return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
-            "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \
-             training goes on from the last checkpoint",
-        ));
-    }
+    let step = UnreadLosses::of(&losses);
     let gradients = (losses.total * part).backward();
     Ok((GradientsParams::from_grads(gradients, net), step))
 }
@@ -191,6 +162,7 @@ mod tests {
     use super::*;
     use crate::model::{InitNetwork as _, weights_of};
     use crate::sample::{AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
+    use crate::training::OptimiserKind;
     use burn::tensor::Device;
     use lsdc_core::fit::FitMethod;
     use lsdc_core::network::{BackboneConfig, ExtractorConfig, NetworkConfig};

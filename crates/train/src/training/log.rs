@@ -25,7 +25,7 @@ pub enum TrainingEvent {
         rmse: f64,
         /// Learning rate.
         rate: f64,
-        /// Duration of the step in seconds.
+        /// Duration of the step in seconds; the mean of steps whose losses are read together.
         seconds: f64,
     },
     /// Held-out frames were completed from 500 points.

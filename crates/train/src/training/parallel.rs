@@ -2,7 +2,7 @@
 //! Their sum is the gradient of the whole batch, except for means over pixels with missing depths, which are taken within each
 //! share. Batch normalisation sees one share at a time, and its running statistics follow the first share.
 
-use super::step::StepLosses;
+use super::step::UnreadLosses;
 use crate::sample::Batch;
 use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
@@ -16,8 +16,8 @@ use lsdc_files::error::{Cause, Error, Result};
 pub(super) fn gradients<M: Module>(
     net: &M,
     shares: &[Batch],
-    compute: impl Fn(&M, &Batch, f64) -> Result<(GradientsParams, StepLosses)> + Sync,
-) -> Result<(GradientsParams, StepLosses)> {
+    compute: impl Fn(&M, &Batch, f64) -> Result<(GradientsParams, UnreadLosses)> + Sync,
+) -> Result<(GradientsParams, UnreadLosses)> {
     let images = |batch: &Batch| batch.pixels.len() as f64;
     let all: f64 = shares.iter().map(images).sum();
     let part = |batch: &Batch| images(batch) / all;
@@ -44,12 +44,14 @@ pub(super) fn gradients<M: Module>(
     })?;
     let device = first.depths.device().inner();
     let mut sum = GradientsAccumulator::new();
-    let mut step = StepLosses::default();
+    let mut parts = Vec::with_capacity(shares.len());
     for (share, (gradients, losses)) in shares.iter().zip(results) {
         sum.accumulate(net, gradients.to_device(&device, net));
-        step.add(&losses, part(share));
+        parts.push((losses, part(share)));
     }
-    Ok((sum.grads(), step))
+    let losses = UnreadLosses::of_parts(parts);
+    let losses = losses.ok_or_else(|| Error::shape("a step needs a batch"))?;
+    Ok((sum.grads(), losses))
 }
 
 /// Copies a network to an autodiff device. Clones, and burn's forks, share running statistics; a copy without gradients has its
@@ -62,7 +64,7 @@ fn replica<M: Module>(net: &M, device: &Device) -> M {
 mod tests {
     use super::*;
     use crate::model::{BasisNet, InitNetwork as _};
-    use crate::training::{LossConfig, losses};
+    use crate::training::{LossConfig, StepLosses, losses};
     use burn::module::{ModuleVisitor, Param};
     use burn::tensor::{Tensor, TensorData};
     use lsdc_core::fit::FitConfig;
@@ -145,14 +147,14 @@ mod tests {
         };
         let (found, step) = gradients(net, shares, |net, batch, part| {
             let losses = losses(net, batch, None, &fit, None, &loss);
-            let step = StepLosses::of(&losses);
+            let step = UnreadLosses::of(&losses);
             let gradients = (losses.total * part).backward();
             Ok((GradientsParams::from_grads(gradients, net), step))
         })
         .unwrap();
         let mut read = Read(&found, Vec::new());
         net.visit(&mut read);
-        (read.1, step)
+        (read.1, UnreadLosses::read(vec![step]).unwrap()[0])
     }
 
     #[test]

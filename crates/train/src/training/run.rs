@@ -5,8 +5,9 @@ use super::learner::Objective;
 use super::log::{Log, TrainingEvent};
 use super::record::TrainingRecord;
 use super::setup::{batch_protocol, input_size, sampler};
+use super::step::UnreadLosses;
 use super::{Learner, TrainConfig};
-use crate::device::Device;
+use crate::device::{Device, is_gpu};
 use crate::sample::{Batch, Loader, Sample, Sampler};
 use burn::module::Module;
 use lsdc_core::weights::Normalisation;
@@ -18,6 +19,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+
+/// Number of steps whose losses are read together from a GPU.
+const READ_TOGETHER: usize = 20;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -189,32 +193,43 @@ impl<S: Subject> Trainer<S> {
         };
         let held_out = &self.held_out;
         let mut loader = Loader::start(&self.sampler, step, self.config.workers)?;
+        // A GPU computes while the next steps are launched; elsewhere every step is complete when it returns.
+        let together = if self.devices.iter().any(is_gpu) {
+            READ_TOGETHER
+        } else {
+            1
+        };
+        let mut unread = Vec::new();
+        let mut started = Instant::now();
         while step < self.config.steps {
-            let started = Instant::now();
+            if unread.is_empty() {
+                started = Instant::now();
+            }
             let samples = loader.next_batch()?;
             let shares = self.divided(&samples)?;
             let rate = self.rate(step);
             if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
                 learner = learner.freeze_statistics();
             }
-            let (next, made) = learner.step(&shares, rate, step + 1)?;
+            let (next, losses) = learner.step_unread(&shares, rate, step + 1)?;
             learner = next;
             step += 1;
-            log_event(TrainingEvent::Step {
-                step,
-                loss: made.loss,
-                l1: made.l1,
-                rmse: made.l2.sqrt(),
-                rate,
-                seconds: started.elapsed().as_secs_f64(),
-            })?;
+            unread.push((step, rate, losses));
             let last = step == self.config.steps;
-            if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
+            let measuring =
+                !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last);
+            let stopping = stop.load(Ordering::Relaxed);
+            let saving = step.is_multiple_of(self.config.save_every) || last || stopping;
+            if unread.len() == together || measuring || saving {
+                for event in read(std::mem::take(&mut unread), started)? {
+                    log_event(event)?;
+                }
+            }
+            if measuring {
                 let held_out = self.measure(&*self.subject.completes(self, learner.net())?)?;
                 log_event(TrainingEvent::Measured { step, held_out })?;
             }
-            let stopping = stop.load(Ordering::Relaxed);
-            if step.is_multiple_of(self.config.save_every) || last || stopping {
+            if saving {
                 checkpoints.save(step, &learner)?;
             }
             if stopping && !last {
@@ -274,6 +289,28 @@ impl<S: Subject> Trainer<S> {
         let progress = (step + 1) as f64 / self.config.steps as f64;
         self.config.learning_rate * self.config.schedule.factor(progress)
     }
+}
+
+/// Reads steps with their numbers and learning rates, which began at this time.
+fn read(
+    steps: Vec<(usize, f64, UnreadLosses)>,
+    started: Instant,
+) -> Result<impl Iterator<Item = TrainingEvent>> {
+    let (numbers, losses): (Vec<_>, Vec<_>) = steps
+        .into_iter()
+        .map(|(step, rate, losses)| ((step, rate), losses))
+        .unzip();
+    let losses = UnreadLosses::read(losses)?;
+    let seconds = started.elapsed().as_secs_f64() / numbers.len() as f64;
+    let steps = numbers.into_iter().zip(losses);
+    Ok(steps.map(move |((step, rate), made)| TrainingEvent::Step {
+        step,
+        loss: made.loss,
+        l1: made.l1,
+        rmse: made.l2.sqrt(),
+        rate,
+        seconds,
+    }))
 }
 
 /// Checks the settings common to all runs.

@@ -5,8 +5,12 @@ use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc_rng::Rng;
 use lsdc_train::ops::conv::{ConvSpec, conv2d};
 use lsdc_train::ops::conv_norm::{ConvNormSpec, FixedNorm, conv_norm};
-use lsdc_train::ops::interpolate::{BilinearCell, interpolate};
+use lsdc_train::ops::interpolate::{
+    Between, BilinearCell, PixelReads, interpolate, interpolate_pixels,
+};
 use lsdc_train::ops::norm::{NormSpec, moments, normalise};
+use lsdc_train::ops::pack::Layout;
+use lsdc_train::ops::weighted_sum::weighted_sum;
 
 /// Draws random numbers around `mean`, from the stream of a name.
 fn random(count: usize, name: &str, mean: f64) -> Vec<f64> {
@@ -59,6 +63,8 @@ fn convolutions_agree() {
         cases.extend(three.map(|spec| ([2, 31, 18], channels, 3, spec)));
         cases.push(([2, 31, 18], channels, 1, ConvSpec::pointwise()));
     }
+    // As many pixels as larger tiles need.
+    cases.push(([1, 258, 255], [5, 6], 3, ConvSpec::same(1)));
     for (taps, stride) in [(3, 1), (5, 2)] {
         cases.push(([2, 7, 9], [24, 24], taps, ConvSpec::depthwise(taps, stride)));
     }
@@ -198,4 +204,80 @@ fn reading_between_pixels_agrees() {
             },
         );
     }
+}
+
+#[test]
+fn reading_at_pixels_agrees() {
+    // Maps smaller and larger than images, and of one value.
+    for (map, size) in [
+        ([3, 4], [9, 13]),
+        ([9, 7], [5, 6]),
+        ([1, 1], [4, 7]),
+        ([5, 5], [5, 5]),
+    ] {
+        let axis = |from: usize, to: usize| -> Vec<Between> {
+            let place = |i: usize| (i as f32 + 0.5) * to as f32 / from as f32 - 0.5;
+            let between = |i: usize| {
+                let place = place(i).clamp(0.0, (to - 1) as f32);
+                let low = (place as usize).min(to.saturating_sub(2));
+                (low, (low + 1).min(to - 1), place - low as f32)
+            };
+            (0..from).map(between).collect()
+        };
+        let axes = || [axis(size[0], map[0]), axis(size[1], map[1])];
+        let mut rng = Rng::stream(0, &["pixels"]);
+        let all = (size[0] * size[1]) as u32;
+        // Some pixels twice, and others not at all.
+        let lists: Vec<Vec<u32>> = (0..2)
+            .map(|_| (0..all).map(|_| rng.below(all)).collect())
+            .collect();
+        for listed in [false, true] {
+            check(
+                &format!("{map:?} {size:?} {listed}"),
+                1e-6,
+                |device, dtype| {
+                    let shape = [2, map[0], map[1], 5];
+                    let maps = tensor(shape, ("maps", 0.0), device, dtype).require_grad();
+                    let reads = if listed {
+                        PixelReads::some(map, axes(), lists.clone())
+                    } else {
+                        PixelReads::every(map, 2, axes())
+                    };
+                    let values = interpolate_pixels(maps.clone(), reads);
+                    let along = tensor(values.dims(), ("along", 0.0), device, dtype);
+                    let gradients = (values.clone() * along).sum().backward();
+                    vec![
+                        read(values.into_data()),
+                        read(maps.grad(&gradients).unwrap().into_data()),
+                    ]
+                },
+            );
+        }
+    }
+}
+
+#[test]
+fn parts_and_weighted_sums_agree() {
+    let lengths = [3, 64, 65, 65, 1, 300, 7, 2, 130];
+    check("parts", 1e-6, |device, dtype| {
+        let device = &device.clone().inner();
+        let mut layout = Layout::default();
+        layout.push(1, 3);
+        layout.push(1, 64);
+        layout.push(2, 65);
+        for &length in &lengths[4..] {
+            layout.push(1, length);
+        }
+        let part = |i: usize| tensor([lengths[i]], (&format!("part {i}"), 0.0), device, dtype);
+        let parts: Vec<Tensor<1>> = (0..lengths.len()).map(part).collect();
+        let packed = layout.pack(&parts);
+        // Parts of a vector are operands like any other.
+        let own = (0..lengths.len()).map(|i| layout.part(&packed, i));
+        let sums = own
+            .zip(parts)
+            .map(|(own, part)| weighted_sum(own, 2.0, part, -0.5));
+        let mut all: Vec<Vec<f64>> = sums.map(|sum| read(sum.into_data())).collect();
+        all.push(read(packed.into_data()));
+        all
+    });
 }

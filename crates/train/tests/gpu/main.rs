@@ -7,20 +7,22 @@
 
 mod layers;
 mod lstsq;
+mod traffic;
 
 use burn::tensor::Device;
-use lsdc_core::fit::FitConfig;
+use lsdc_core::fit::{FitConfig, FitMethod};
 use lsdc_core::network::{ExtractorConfig, NetworkConfig};
-use lsdc_core::weights::Normalisation;
+use lsdc_core::weights::{Normalisation, Tensor as Table};
 use lsdc_core::{Completer, Weights};
 use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use lsdc_eval::predict::complete;
 use lsdc_eval::sampling::{Pattern, Protocol};
 use lsdc_files::error::Result;
 use lsdc_train::model::InitNetwork as _;
+use lsdc_train::model::parameters::tables;
 use lsdc_train::predict::{completer, plain_completer};
 use lsdc_train::sample::{self, AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
-use lsdc_train::training::{Learner, TrainConfig};
+use lsdc_train::training::{Learner, OptimiserKind, TrainConfig};
 use std::sync::{Arc, LazyLock};
 
 /// Returns the GPU, or a software driver if there is none.
@@ -157,4 +159,74 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
         assert!((a - b).abs() < 5e-3 * a, "{alone:?} {divided:?}");
     }
     assert!((alone[0] - alone[2]).abs() > 1e-2 * alone[0], "{alone:?}");
+}
+
+#[test]
+fn steps_on_the_gpu_are_those_of_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    let rooms = RoomsConfig {
+        width: 48,
+        height: 36,
+        ..RoomsConfig::default()
+    };
+    let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
+    let config = SamplerConfig {
+        protocol: Protocol::default(),
+        augment: AugmentConfig::none(),
+        views: 0,
+        supervision: SupervisionConfig {
+            points: 200,
+            fewest: 100,
+            ..SupervisionConfig::default()
+        },
+        batch: 2,
+        seed: 0,
+    };
+    let samples = Sampler::new(rooms, vec![0, 1], config)
+        .unwrap()
+        .batch(0)
+        .unwrap();
+    let network = NetworkConfig {
+        extractor: ExtractorConfig {
+            sharpening: 1,
+            ..ExtractorConfig::slim()
+        },
+        hidden: vec![32],
+        bases: 16,
+        affinities: 8,
+        ..NetworkConfig::sharp()
+    };
+    let fit = FitConfig {
+        method: FitMethod::Joint,
+        ..FitConfig::default()
+    };
+    let config = TrainConfig {
+        optimiser: OptimiserKind::Muon,
+        clip: Some(0.1),
+        average: Some(0.9),
+        ..TrainConfig::default()
+    };
+    let trained = |device: &Device| {
+        let device = device.clone().autodiff();
+        let net = network.init(0, &device).unwrap();
+        let start = tables(&net);
+        let batch = [sample::Batch::new(&samples, Normalisation::default(), &device).unwrap()];
+        let mut learner = Learner::new(net, &fit, &config);
+        for number in 1..=2 {
+            (learner, _) = learner.step(&batch, 1e-3, number).unwrap();
+        }
+        (start, tables(learner.net()))
+    };
+    let (here, there) = (trained(&Device::flex()), trained(&gpu));
+    for (name, expected) in &here.1 {
+        let values =
+            |table: &Table| -> Vec<f64> { table.values().iter().map(|v| f64::from(*v)).collect() };
+        let off = |table: &Table| off(&values(table), &values(expected));
+        let moved = off(&here.0[name]);
+        let off = off(&there.1[name]);
+        assert!(
+            off < 0.05 * moved + 1e-5,
+            "{name}: {off:.1e} of {moved:.1e}"
+        );
+    }
 }

@@ -2,7 +2,7 @@
 //! (implicit GEMM, Chetlur et al. 2014). A cube computes one tile of the result from tiles in its shared memory.
 
 use super::{ConvBackend, ConvGradients, ConvSpec, reference, reference_input, reference_weight};
-use crate::ops::gpu::{UNITS, cube, empty, sum_of_parts, tile, tiles};
+use crate::ops::gpu::{cube, cubes, empty, tile, tiles};
 use burn::backend::TensorMetadata as _;
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
@@ -12,14 +12,20 @@ use burn_cubecl::cubecl::{self, prelude::*};
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-/// Side of the square of units of a cube, each with [`OWN`] rows of the tile and some columns.
+/// Side of the square of units of a cube, each with some rows of the tile and some columns.
 const SIDE: usize = 16;
-/// Rows of a tile per unit.
+/// Rows per unit of a tile of the gradient of weights; of other results, where more tiles are not enough.
 const OWN: usize = 4;
-/// Rows of a tile of the result.
+/// Rows of such a tile.
 const ROWS: usize = SIDE * OWN;
 /// Products summed between two loads.
 const DEPTH: usize = 16;
+/// Values that a unit reads at once from shared memory, which otherwise takes longer than the products.
+const WIDTH: usize = 4;
+/// Vectors of channels per row or column of a tile, one of them unused: an odd number, so that no two units read from one bank.
+const VECTORS: usize = DEPTH / WIDTH + 1;
+/// Number of cubes from which on larger tiles keep all of a large GPU busy.
+const MANY: usize = 512;
 /// Number of cubes that fill a large GPU.
 const ENOUGH: usize = 2048;
 /// Smallest number of pixels summed by one part of the gradient of weights.
@@ -67,7 +73,7 @@ impl ConvBackend for CubeBackend {
             return reference::<Self>(x, weight, spec);
         }
         let geometry = Geometry::new(&x, &weight, spec);
-        let weights = Self::float_permute(weight, &[2, 3, 1, 0]);
+        let weights = Self::float_permute(weight, &[2, 3, 0, 1]);
         from_patches(x, weights, geometry, false)
     }
 }
@@ -78,7 +84,7 @@ impl ConvGradients for CubeBackend {
             return reference_input::<Self>(x, weight, grad, spec);
         }
         let geometry = Geometry::new(&x, &weight, spec);
-        let weights = Self::float_permute(weight, &[2, 3, 0, 1]);
+        let weights = Self::float_permute(weight, &[2, 3, 1, 0]);
         from_patches(grad, weights, geometry, true)
     }
 
@@ -87,13 +93,12 @@ impl ConvGradients for CubeBackend {
             return reference_weight::<Self>(x, weight, grad, spec);
         }
         let geometry = Geometry::new(&x, &weight, spec);
-        let gradient = of_weights(into_contiguous(x), into_contiguous(grad), geometry);
-        Self::float_permute(gradient, &[3, 2, 0, 1])
+        of_weights(into_contiguous(x), into_contiguous(grad), geometry)
     }
 }
 
-/// Computes outputs from inputs with `weights [taps, taps, in, out]`; if `back`, the gradient of inputs from that of outputs
-/// with `weights [taps, taps, out, in]`.
+/// Computes outputs from inputs with `weights [taps, taps, out, in]`; if `back`, the gradient of inputs from that of outputs
+/// with `weights [taps, taps, in, out]`.
 fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -> Floats {
     let (from, weights) = (into_contiguous(from), into_contiguous(weights));
     let Geometry {
@@ -107,12 +112,16 @@ fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -
     let [height, width, channels] = target;
     let result = empty(&from, [batch, height, width, channels]);
     let across = if channels > 2 * SIDE { 4 } else { 2 };
+    let (pixels, columns) = (batch * height * width, channels.div_ceil(SIDE * across));
+    let large = pixels.div_ceil(2 * ROWS);
+    let own = if large * columns >= MANY {
+        2 * OWN
+    } else {
+        OWN
+    };
     multiply_patches::launch(
         &from.client,
-        tiles(
-            (batch * height * width).div_ceil(ROWS),
-            channels.div_ceil(SIDE * across),
-        ),
+        tiles(pixels.div_ceil(SIDE * own), columns),
         cube(),
         from.clone().into_buffer_arg(),
         weights.into_buffer_arg(),
@@ -127,13 +136,14 @@ fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -
         spec.stride as u32,
         spec.padding as u32,
         spec.dilation as u32,
+        own,
         across,
         back,
     );
     result
 }
 
-/// Computes the gradient `[taps, taps, in, out]` of weights: sums over parts of all pixels, then the sum of the parts.
+/// Computes the gradient `[out, in, taps, taps]` of weights: sums over parts of all pixels, then the sum of the parts.
 fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
     let Geometry {
         batch, taps, spec, ..
@@ -142,8 +152,8 @@ fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
     let pixels = batch * rows * columns;
     let across = if outputs > 2 * SIDE { 4 } else { 2 };
     let places = [inputs.div_ceil(ROWS), outputs.div_ceil(SIDE * across)];
-    let cubes = places[0] * places[1] * taps * taps;
-    let count = ENOUGH.div_ceil(cubes).min(pixels.div_ceil(PART));
+    let per_part = places[0] * places[1] * taps * taps;
+    let count = ENOUGH.div_ceil(per_part).min(pixels.div_ceil(PART));
     let part = pixels.div_ceil(count).next_multiple_of(DEPTH);
     let count = pixels.div_ceil(part);
     let parts = empty(&x, [count, taps, taps, inputs, outputs]);
@@ -172,7 +182,36 @@ fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
         part as u32,
         across,
     );
-    sum_of_parts(parts, [taps, taps, inputs, outputs])
+    let result = empty(&x, [outputs, inputs, taps, taps]);
+    sum_weights::launch(
+        &x.client,
+        cubes(&x, result.meta.num_elements()),
+        cube(),
+        parts.into_buffer_arg(),
+        result.clone().into_buffer_arg(),
+        inputs as u32,
+        outputs as u32,
+    );
+    result
+}
+
+/// Sums `parts [parts, taps, taps, inputs, outputs]` to `result [outputs, inputs, taps, taps]`.
+#[cube(launch)]
+fn sum_weights(parts: &[f32], result: &mut [f32], inputs: u32, outputs: u32) {
+    let (inputs, outputs) = (inputs as usize, outputs as usize);
+    let count = result.len();
+    if ABSOLUTE_POS < count {
+        let mut total = 0.0f32;
+        let mut at = ABSOLUTE_POS;
+        while at < parts.len() {
+            total += parts[at];
+            at += count;
+        }
+        let output = ABSOLUTE_POS % outputs;
+        let input = ABSOLUTE_POS / outputs % inputs;
+        let tap = ABSOLUTE_POS / outputs / inputs;
+        result[(output * inputs + input) * (count / inputs / outputs) + tap] = total;
+    }
 }
 
 /// Returns the index along an axis of an input of `length` read by a tap of output `at`; `length` if outside.
@@ -234,44 +273,23 @@ fn source_of(
     }
 }
 
-/// Returns the initial sums of a unit, `[OWN, across]`.
+/// Values that are read at once.
+type Values = Vector<f32, Const<WIDTH>>;
+
+/// Returns the initial sums of a unit, `[own, across]`.
 #[cube]
-fn zeros(#[comptime] across: usize) -> Array<f32> {
-    let mut sums = Array::<f32>::new(comptime!(OWN * across));
+fn zeros(#[comptime] own: usize, #[comptime] across: usize) -> Array<f32> {
+    let mut sums = Array::<f32>::new(comptime!(own * across));
     #[unroll]
-    for i in 0..comptime!(OWN * across) {
+    for i in 0..comptime!(own * across) {
         sums[i] = 0.0f32;
     }
     sums
 }
 
-/// Adds the products of tiles `left [DEPTH, stride]` and `right [DEPTH, SIDE * across]` to the sums of a unit, which hold the
-/// rows from `row` on and every [`SIDE`]-th column from `column` on.
-#[cube]
-fn add_products(
-    left: &Shared<[f32]>,
-    right: &Shared<[f32]>,
-    sums: &mut Array<f32>,
-    row: usize,
-    column: usize,
-    #[comptime] stride: usize,
-    #[comptime] across: usize,
-) {
-    #[unroll]
-    for k in 0..DEPTH {
-        #[unroll]
-        for j in 0..across {
-            let b = right[k * (SIDE * across) + column + j * SIDE];
-            #[unroll]
-            for i in 0..OWN {
-                sums[i * across + j] += left[k * stride + row + i] * b;
-            }
-        }
-    }
-}
-
 /// Computes `result [pixels, outputs]`: the patches of `x [batch, source_height, source_width, channels]` times `weights [taps,
-/// taps, channels, outputs]`; pixels are those of `[batch, height, width]`.
+/// taps, outputs, channels]`; pixels are those of `[batch, height, width]`. A unit has `own` rows of a tile, and every
+/// [`SIDE`]-th column.
 #[cube(launch)]
 fn multiply_patches(
     x: &[f32],
@@ -287,6 +305,7 @@ fn multiply_patches(
     stride: u32,
     padding: u32,
     dilation: u32,
+    #[comptime] own: usize,
     #[comptime] across: usize,
     #[comptime] back: bool,
 ) {
@@ -295,61 +314,73 @@ fn multiply_patches(
     let (channels, outputs) = (channels as usize, outputs as usize);
     let (taps, stride) = (taps as usize, stride as usize);
     let (padding, dilation) = (padding as usize, dilation as usize);
+    let rows = comptime!(SIDE * own);
     let wide = comptime!(SIDE * across);
     let unit = UNIT_POS_X as usize;
-    let first_row = tile() * ROWS;
+    let first_row = tile() * rows;
     let first_column = CUBE_POS_Y as usize * wide;
     let pixels = result.len() / outputs;
 
-    // Four units load the patch of one pixel.
-    let loaded = unit / OWN;
-    let lane = unit % OWN * OWN;
-    let pixel = first_row + loaded;
-    let at_x = pixel % width;
-    let at_y = pixel / width % height;
-    let image = pixel / width / height;
-
-    let row = unit / SIDE * OWN;
+    // Four units load the channels of one pixel or output.
+    let loaded = unit / WIDTH;
+    let group = unit % WIDTH;
+    let row = unit / SIDE * own;
     let column = unit % SIDE;
-    let mut left = Shared::<[f32]>::new_slice(DEPTH * (ROWS + 1));
-    let mut right = Shared::<[f32]>::new_slice(comptime!(DEPTH * SIDE * across));
-    let mut sums = zeros(across);
+    let mut left = Shared::<[Values]>::new_slice(comptime!(SIDE * own * VECTORS));
+    let mut right = Shared::<[Values]>::new_slice(comptime!(SIDE * across * VECTORS));
+    let mut sums = zeros(own, across);
     for tap in 0..taps * taps {
         let (down, along) = (tap / taps, tap % taps);
-        let y = source_of(at_y, down, source_height, stride, padding, dilation, back);
-        let at = source_of(at_x, along, source_width, stride, padding, dilation, back);
-        let inside = pixel < pixels && y < source_height && at < source_width;
-        let base = ((image * source_height + y) * source_width + at) * channels;
         let mut from = 0usize;
         while from < channels {
+            let channel = from + group * WIDTH;
             #[unroll]
-            for i in 0..OWN {
-                let channel = from + lane + i;
-                let mut value = 0.0f32;
-                if inside && channel < channels {
-                    value = x[base + channel];
-                }
-                left[(lane + i) * (ROWS + 1) + loaded] = value;
+            for i in 0..comptime!(own / WIDTH) {
+                let place = loaded + i * ROWS;
+                let pixel = first_row + place;
+                let (at_y, image) = (pixel / width % height, pixel / width / height);
+                let y = source_of(at_y, down, source_height, stride, padding, dilation, back);
+                let at = source_of(
+                    pixel % width,
+                    along,
+                    source_width,
+                    stride,
+                    padding,
+                    dilation,
+                    back,
+                );
+                let inside = pixel < pixels && y < source_height && at < source_width;
+                let base = ((image * source_height + y) * source_width + at) * channels;
+                left[place * VECTORS + group] = values_of(x, base, channel, channels, inside);
             }
-            #[unroll]
-            for i in 0..across {
-                let place = unit + i * UNITS;
-                let channel = from + place / wide;
-                let output = first_column + place % wide;
-                let mut value = 0.0f32;
-                if channel < channels && output < outputs {
-                    value = weights[(tap * channels + channel) * outputs + output];
-                }
-                right[place] = value;
+            if loaded < wide {
+                let output = first_column + loaded;
+                let base = (tap * outputs + output) * channels;
+                right[loaded * VECTORS + group] =
+                    values_of(weights, base, channel, channels, output < outputs);
             }
             sync_cube();
-            add_products(&left, &right, &mut sums, row, column, ROWS + 1, across);
+            #[unroll]
+            for k in 0..comptime!(DEPTH / WIDTH) {
+                #[unroll]
+                for j in 0..across {
+                    let b = right[(column + j * SIDE) * VECTORS + k];
+                    #[unroll]
+                    for i in 0..own {
+                        let a = left[(row + i) * VECTORS + k];
+                        #[unroll]
+                        for c in 0..WIDTH {
+                            sums[i * across + j] += a.extract(c) * b.extract(c);
+                        }
+                    }
+                }
+            }
             sync_cube();
             from += DEPTH;
         }
     }
     #[unroll]
-    for i in 0..OWN {
+    for i in 0..own {
         let pixel = first_row + row + i;
         #[unroll]
         for j in 0..across {
@@ -359,6 +390,19 @@ fn multiply_patches(
             }
         }
     }
+}
+
+/// Returns the values of the channels from `channel` on, after `base`; 0 beyond the last one and if not `inside`.
+#[cube]
+fn values_of(from: &[f32], base: usize, channel: usize, channels: usize, inside: bool) -> Values {
+    let mut values = Values::new(0.0f32);
+    #[unroll]
+    for i in 0..WIDTH {
+        if inside && channel + i < channels {
+            values.insert(i, from[base + channel + i]);
+        }
+    }
+    values
 }
 
 /// Computes `parts [parts, taps, taps, inputs, outputs]`, each over a part of the `pixels` of `grad [pixels, outputs]`: the
@@ -400,10 +444,10 @@ fn multiply_by_patches(
     // Sixteen units load the channels of one pixel.
     let loaded = unit / SIDE;
     let lane = unit % SIDE;
-    let row = unit / SIDE * OWN;
-    let mut left = Shared::<[f32]>::new_slice(DEPTH * ROWS);
+    let row = loaded * OWN;
+    let mut left = Shared::<[Values]>::new_slice(DEPTH * SIDE);
     let mut right = Shared::<[f32]>::new_slice(comptime!(DEPTH * SIDE * across));
-    let mut sums = zeros(across);
+    let mut sums = zeros(OWN, across);
     let mut first = number * part;
     while first < last {
         let pixel = first + loaded;
@@ -426,15 +470,7 @@ fn multiply_by_patches(
         let image = pixel / width / height;
         let inside = pixel < last && y < source_height && at < source_width;
         let base = ((image * source_height + y) * source_width + at) * inputs;
-        #[unroll]
-        for i in 0..OWN {
-            let channel = first_row + lane + i * SIDE;
-            let mut value = 0.0f32;
-            if inside && channel < inputs {
-                value = x[base + channel];
-            }
-            left[loaded * ROWS + lane + i * SIDE] = value;
-        }
+        left[unit] = values_of(x, base, first_row + lane * OWN, inputs, inside);
         #[unroll]
         for i in 0..across {
             let output = first_column + lane + i * SIDE;
@@ -445,7 +481,18 @@ fn multiply_by_patches(
             right[loaded * wide + lane + i * SIDE] = value;
         }
         sync_cube();
-        add_products(&left, &right, &mut sums, row, lane, ROWS, across);
+        #[unroll]
+        for k in 0..DEPTH {
+            let a = left[k * SIDE + loaded];
+            #[unroll]
+            for j in 0..across {
+                let b = right[k * wide + lane + j * SIDE];
+                #[unroll]
+                for i in 0..OWN {
+                    sums[i * across + j] += a.extract(i) * b;
+                }
+            }
+        }
         sync_cube();
         first += DEPTH;
     }

@@ -5,6 +5,7 @@ mod autodiff;
 #[cfg(feature = "wgpu")]
 mod cube;
 mod flex;
+mod pixels;
 #[cfg(test)]
 mod tests;
 
@@ -12,6 +13,7 @@ use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
 use burn::tensor::{IndexingUpdateOp, IntDType, Shape, Tensor, TensorData};
 pub use lsdc_kernels::gather::BilinearCell;
+pub use pixels::{Between, PixelReads, cell};
 use std::sync::Arc;
 
 /// Cells of each image of a batch, the same number for each.
@@ -29,6 +31,11 @@ pub trait InterpolateBackend: Backend {
     fn read_between(table: FloatTensor<Self>, cells: BatchCells) -> FloatTensor<Self> {
         reference::<Self>(table, &cells)
     }
+
+    /// Returns the same for pixels: `[images * pixels, channels]`.
+    fn read_pixels(table: FloatTensor<Self>, reads: Arc<PixelReads>) -> FloatTensor<Self> {
+        Self::read_between(table, reads.cells())
+    }
 }
 
 /// Gradient of [`InterpolateBackend::read_between`]; the default is the plain reference.
@@ -40,6 +47,15 @@ pub trait InterpolateGradients: InterpolateBackend {
         cells: BatchCells,
     ) -> FloatTensor<Self> {
         reference_backward::<Self>(grad, shape, &cells)
+    }
+
+    /// Computes the gradient of a table of `shape` (images, rows, channels) from that of [`InterpolateBackend::read_pixels`].
+    fn read_pixels_backward(
+        grad: FloatTensor<Self>,
+        shape: [usize; 3],
+        reads: Arc<PixelReads>,
+    ) -> FloatTensor<Self> {
+        Self::read_between_backward(grad, shape, reads.cells())
     }
 }
 
@@ -107,4 +123,14 @@ pub fn interpolate(table: Tensor<3>, cells: Vec<Vec<BilinearCell>>) -> Tensor<2>
         table.into_dispatch(),
         Arc::new(cells),
     ))
+}
+
+/// Returns the values of `maps [images, height, width, channels]` that pixels read, image by image: `[images * pixels,
+/// channels]`. Differentiable in `maps`.
+pub fn interpolate_pixels(maps: Tensor<4>, reads: PixelReads) -> Tensor<2> {
+    let [images, height, width, channels] = maps.dims();
+    debug_assert_eq!((images, [height, width]), (reads.images, reads.map));
+    let table = maps.reshape([images, height * width, channels]);
+    let read = Dispatch::read_pixels(table.into_dispatch(), Arc::new(reads));
+    Tensor::from_dispatch(read)
 }

@@ -4,6 +4,7 @@ use super::problems::{Inner, Problems};
 use crate::ops::host::{read, write};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
+use burn::tensor::DType;
 use lsdc_core::field::{FieldPrior, Grid};
 use lsdc_core::fit::Adjoint;
 use rayon::prelude::*;
@@ -15,17 +16,45 @@ pub(super) fn forward<B: Backend>(
     affinities: FloatTensor<B>,
     problems: &Problems,
 ) -> FloatTensor<B> {
+    let of = Shapes::<B>::of(&bases, &affinities);
+    let values = [bases, depths, draws, affinities].map(read::<B>);
+    solve::<B>(values, of, problems)
+}
+
+/// Shapes, type and device of the tensors of a batch.
+pub(super) struct Shapes<B: Backend> {
+    bases: [usize; 3],
+    affinities: [usize; 4],
+    dtype: DType,
+    device: B::Device,
+}
+
+impl<B: Backend> Shapes<B> {
+    pub(super) fn of(bases: &FloatTensor<B>, affinities: &FloatTensor<B>) -> Self {
+        Self {
+            bases: bases.shape().dims(),
+            affinities: affinities.shape().dims(),
+            dtype: bases.dtype(),
+            device: bases.device(),
+        }
+    }
+}
+
+/// Solves problems whose values were read, and writes the result to their device.
+pub(super) fn solve<B: Backend>(
+    [bases, depths, draws, affinities]: [Vec<f64>; 4],
+    of: Shapes<B>,
+    problems: &Problems,
+) -> FloatTensor<B> {
     let Inner {
         pixels,
         config,
         free,
         ..
     } = &*problems.0;
-    let (device, dtype) = (bases.device(), bases.dtype());
-    let [count, points, k] = bases.shape().dims();
-    let [images, height, width, _] = affinities.shape().dims();
-    let (bases, depths, draws) = (read::<B>(bases), read::<B>(depths), read::<B>(draws));
-    let joins: Vec<[Vec<f64>; 2]> = read::<B>(affinities)
+    let [count, points, k] = of.bases;
+    let [images, height, width, _] = of.affinities;
+    let joins: Vec<[Vec<f64>; 2]> = affinities
         .chunks_exact((2 * height * width).max(1))
         .map(|pairs| [0, 1].map(|way| pairs.iter().skip(way).step_by(2).copied().collect()))
         .collect();
@@ -66,7 +95,7 @@ pub(super) fn forward<B: Backend>(
     if let Ok(mut place) = problems.0.solved.lock() {
         *place = solved;
     }
-    write::<B>(result, vec![count, length], dtype, &device)
+    write::<B>(result, vec![count, length], of.dtype, &of.device)
 }
 
 pub(super) fn backward<B: Backend>(

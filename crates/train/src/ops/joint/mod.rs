@@ -3,6 +3,8 @@
 
 mod autodiff;
 mod columns;
+#[cfg(feature = "wgpu")]
+mod cube;
 mod host;
 mod problems;
 #[cfg(test)]
