@@ -54,6 +54,11 @@ run() {
     step bench-anything-counts 40 "$here/lsdc" bench --device wgpu --weights anything --size 448x336 --runs 20
     step cpu-anything 60 "$here/lsdc" bench --weights anything --size 448x336 --runs 20 --json
   fi
+  # Steps of training, to compare with the model in docs/lab/2026-11-performance.md.
+  local sharp=(--set 'preset="sharp"' --set fit.ridge=1e-4)
+  for images in 2 8 32; do
+    step "training-$images" 40 "$here/lsdc" bench --training --device wgpu --runs 20 "${sharp[@]}" --set train.batch=$images --json
+  done
   # Utilisation of the GPU, once per second.
   nvidia-smi dmon -s put -c 20 >"$out/utilisation.txt" 2>&1 &
   step utilisation-bench 40 "$here/lsdc" bench --device wgpu --size 304x228 --runs 500 --json

@@ -2,7 +2,7 @@
 //!
 //! ```
 //! use lsdc_train::device::device;
-//! use lsdc_train::model::{InitNetwork as _, tables};
+//! use lsdc_train::model::{InitNetwork as _, parameters::tables};
 //! use lsdc_train::traffic::counted;
 //! # fn main() -> lsdc_files::error::Result<()> {
 //! let net = lsdc_core::network::NetworkConfig::small().init(0, &device("cpu")?)?;

@@ -119,3 +119,33 @@ impl Checkpoints {
         self.folder.join(format!("{step:08}"))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::InitNetwork as _;
+    use crate::training::TrainConfig;
+    use burn::tensor::Device;
+    use lsdc_core::fit::FitConfig;
+    use lsdc_core::network::NetworkConfig;
+
+    #[test]
+    fn a_checkpoint_of_an_earlier_version_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let learner = || {
+            let net = NetworkConfig::small().init(0, &Device::flex().autodiff());
+            Learner::new(net.unwrap(), &FitConfig::default(), &TrainConfig::default())
+        };
+        let checkpoints = Checkpoints::new(folder.path());
+        checkpoints.save(3, &learner()).unwrap();
+        assert_eq!(checkpoints.steps(), [3]);
+        assert!(checkpoints.load(3, learner()).is_ok());
+        let state = checkpoints.path(3).join(OPTIMISER);
+        std::fs::rename(&state, state.with_extension("bpk")).unwrap();
+        let Err(error) = checkpoints.load(3, learner()) else {
+            panic!("the state of another optimiser was read");
+        };
+        assert!(error.to_string().contains("earlier version"), "{error}");
+        assert!(error.advice().unwrap().contains("train.start"));
+    }
+}

@@ -218,8 +218,7 @@ impl<S: Subject> Trainer<S> {
             let last = step == self.config.steps;
             let measuring =
                 !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last);
-            let stopping = stop.load(Ordering::Relaxed);
-            let saving = step.is_multiple_of(self.config.save_every) || last || stopping;
+            let saving = step.is_multiple_of(self.config.save_every) || last;
             if unread.len() == together || measuring || saving {
                 for event in read(std::mem::take(&mut unread), started)? {
                     log_event(event)?;
@@ -229,7 +228,12 @@ impl<S: Subject> Trainer<S> {
                 let held_out = self.measure(&*self.subject.completes(self, learner.net())?)?;
                 log_event(TrainingEvent::Measured { step, held_out })?;
             }
-            if saving {
+            let stopping = stop.load(Ordering::Relaxed);
+            if saving || stopping {
+                // No checkpoint has losses that are not finite.
+                for event in read(std::mem::take(&mut unread), started)? {
+                    log_event(event)?;
+                }
                 checkpoints.save(step, &learner)?;
             }
             if stopping && !last {

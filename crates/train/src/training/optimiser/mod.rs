@@ -64,7 +64,7 @@ impl Optimiser {
     }
 
     /// Takes a step with a learning rate. Parameters without a gradient stay as they are, unless they had one before: then it
-    /// counts as 0.
+    /// counts as 0. All parameters of a group have its number of steps.
     pub(super) fn step<M: Module>(&mut self, rate: f64, net: M, gradients: GradientsParams) -> M {
         let mut gathered = Gather {
             groups: &self.groups,
@@ -108,10 +108,10 @@ impl Optimiser {
         for (name, table) in tables {
             if let Some(group) = name.strip_prefix(STEPS) {
                 let group = self.groups.iter_mut().find(|g| g.name == group);
-                let (Some(group), Some(&steps)) = (group, table.values().first()) else {
+                let (Some(group), Some(steps)) = (group, table.values().first()) else {
                     return Err(name);
                 };
-                group.steps = steps as usize;
+                group.steps = *steps as usize;
                 continue;
             }
             let place = name.rsplit_once('/').and_then(|(path, moment)| {
