@@ -22,6 +22,7 @@ static GOLDEN: &[u8] = include_bytes!("../../weights/golden/depths.safetensors")
 fn main() -> Result<(), Box<dyn Error>> {
     let inputs = inputs();
     if let Some(folder) = std::env::args_os().nth(1) {
+        std::fs::create_dir_all(&folder)?;
         inputs
             .iter()
             .try_for_each(|input| write(Path::new(&folder), input))?;
