@@ -45,14 +45,21 @@ class Completer:
     working_size : (width, height), optional
         Images are resized to about this number of pixels before they enter the network, instead of the size of the
         training images. More pixels resolve more edges and take more time.
+    encoder_side : int, optional
+        Size of the images that the encoder of "anything" reads: the shorter side of one of 4:3 with as many pixels, from 252 to
+        518 (default: 336).
     threads : int, optional
         Number of threads of a separate pool. By default, all completers share a pool with a thread per core (or
         RAYON_NUM_THREADS). Results are the same bits for any number of threads.
+    device : str
+        Where the network runs, with its encoder and depth head: "cpu", or in a package built with the feature `gpu`, "wgpu" (the
+        best GPU), "wgpu:N" (discrete, from 0), "wgpu:integrated" or "wgpu:software". The fit stays on the CPU.
 
     Raises
     ------
     ReadError, WeightsError, SettingsError
-        A file cannot be read or is not a weights file, an encoder is not installed, or settings are out of range.
+        A file cannot be read or is not a weights file, an encoder is not installed, settings are out of range, or there is no
+        such device.
 
     >>> completer = lsdc.Completer("small")
     >>> completer
@@ -73,7 +80,9 @@ class Completer:
         fit: FitSettings | None = None,
         robust: Robust = None,
         working_size: Size | None = None,
+        encoder_side: int | None = None,
         threads: int | None = None,
+        device: str = "cpu",
     ) -> None:
         try:
             changes: dict[str, Any] = dict(fit or {})
@@ -89,12 +98,20 @@ class Completer:
         self._name, self._weights = _loaded(weights)
         self._changes = as_json(changes) if changes else None
         self._working_size = None if working_size is None else as_size(working_size, "working_size")
+        if encoder_side is not None and encoder_side < 0:
+            raise SettingsError(f"`encoder_side` is {encoder_side}, not 252 to 518")
+        self._encoder_side = encoder_side
         self._threads = threads
+        self._device = device
         self._build()
 
     def _build(self) -> None:
         self._process = os.getpid()
-        self._native = _native.Completer(self._weights, self._changes, self._working_size, self._threads)
+        self._native = _native.Completer(
+            self._weights, self._changes, self._working_size, self._threads, self._device
+        )
+        if self._encoder_side is not None:
+            self._native = self._native.with_encoder_side(self._encoder_side)
 
     def _here(self) -> _native.Completer:
         """Made again in a process that was forked, where the threads of the other one are missing."""
@@ -126,6 +143,19 @@ class Completer:
     def threads(self) -> int:
         """Number of threads of this completer."""
         return self._here().threads
+
+    @property
+    def device(self) -> str:
+        """The device of the network."""
+        return self._device
+
+    def with_device(self, device: str) -> Completer:
+        """Returns a completer with the same weights and settings whose network runs on another device.
+
+        >>> lsdc.Completer("small").with_device("cpu").device
+        'cpu'
+        """
+        return _restored(self._name, self._weights, {**self._options(), "device": device})
 
     def scene(
         self,
@@ -302,29 +332,28 @@ class Completer:
         return complete_each(work, [images, range(len(views))], workers, progress)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        state = (self._name, self._weights, self._changes, self._working_size, self._threads)
-        return _restored, state
+        return _restored, (self._name, self._weights, self._options())
+
+    def _options(self) -> dict[str, Any]:
+        """The arguments besides the weights."""
+        return {
+            "fit": None if self._changes is None else json.loads(self._changes),
+            "working_size": self._working_size,
+            "encoder_side": self._encoder_side,
+            "threads": self._threads,
+            "device": self._device,
+        }
 
     def __repr__(self) -> str:
         parts = [repr(self._name)]
-        if self._changes is not None:
-            parts.append(f"fit={json.loads(self._changes)}")
-        if self._working_size is not None:
-            parts.append(f"working_size={self._working_size}")
-        if self._threads is not None:
-            parts.append(f"threads={self._threads}")
+        usual = {"device": "cpu"}
+        given = ((name, value) for name, value in self._options().items() if value not in (None, usual.get(name)))
+        parts.extend(f"{name}={value!r}" for name, value in given)
         return f"lsdc.Completer({', '.join(parts)})"
 
 
-def _restored(
-    name: str,
-    weights: str | bytes,
-    changes: str | None,
-    working_size: Size | None,
-    threads: int | None,
-) -> Completer:
-    fit = None if changes is None else cast(FitSettings, json.loads(changes))
-    completer = Completer(weights, fit=fit, working_size=working_size, threads=threads)
+def _restored(name: str, weights: str | bytes, options: dict[str, Any]) -> Completer:
+    completer = Completer(weights, **options)
     completer._name = name
     return completer
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
-__all__ = ["Alignment", "Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "PosedView", "Scene", "__version__", "eight_bits", "golden", "neighbours", "read_depth", "read_image", "read_points", "without_marks"]
+__all__ = ["Alignment", "Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "PosedView", "Scene", "__version__", "check_device", "eight_bits", "golden", "neighbours", "read_depth", "read_image", "read_points", "without_marks"]
 
 _Colours = Union[NDArray[np.uint8], NDArray[np.float32]]
 _Floats = NDArray[np.float64]
@@ -22,6 +22,7 @@ def read_depth(
     path: str, unit: str | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, _Said]: ...
 def golden() -> str: ...
+def check_device(name: str) -> None: ...
 def read_image(path: str) -> tuple[NDArray[np.uint8], list[str]]: ...
 def eight_bits(colours: NDArray[np.uint16]) -> tuple[NDArray[np.uint8], list[str]]: ...
 def without_marks(
@@ -67,7 +68,9 @@ class Completer:
         fit: str | None,
         working_size: tuple[int, int] | None,
         threads: int | None,
+        device: str,
     ) -> Completer: ...
+    def with_encoder_side(self, side: int) -> Completer: ...
     @property
     def fit(self) -> str: ...
     @property

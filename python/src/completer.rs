@@ -1,5 +1,6 @@
 //! Weights with settings.
 
+use crate::device::on_device;
 use crate::error::{ExceptionKind, raised, raised_by_file};
 use crate::guide::DepthGuide;
 use crate::image::{Colours, copy};
@@ -42,6 +43,7 @@ impl Completer {
         fit: Option<&str>,
         working_size: Option<(usize, usize)>,
         threads: Option<usize>,
+        device: &str,
     ) -> PyResult<Self> {
         let raised = |error: lsdc_core::Error| raised(py, &error);
         let pool = match threads {
@@ -63,8 +65,17 @@ impl Completer {
                 py.detach(|| found.read()).map_err(raised)?
             }
         };
-        let encoder = pool.install(py, || lsdc_weights::encoder_of(&weights.network))?;
-        let encoder = encoder.map_err(|error| raised_by_file(py, &error))?;
+        if alone && device != "cpu" {
+            let what = format!("without a network, there is nothing to run on `{device}`");
+            return Err(ExceptionKind::Settings.raise(py, &what, Some("leave `device` out")));
+        }
+        let network = on_device(py, &weights, device)?;
+        let encoder = if network.is_some() {
+            None
+        } else {
+            let encoder = pool.install(py, || lsdc_weights::encoder_of(&weights.network))?;
+            encoder.map_err(|error| raised_by_file(py, &error))?
+        };
         let mut config = weights.fit().map_err(raised)?.unwrap_or_default();
         if let Some(changes) = fit {
             config = changed(config, changes).map_err(|why| {
@@ -87,6 +98,9 @@ impl Completer {
             if let Some(encoder) = encoder {
                 builder = builder.encoder(encoder);
             }
+            if let Some(network) = network {
+                builder = builder.network(network);
+            }
             builder.thread_pool(threads).build()
         })?;
         let inner = pool.install(py, || lsdc_weights::guided_by_head(inner))?;
@@ -96,6 +110,16 @@ impl Completer {
             inner,
             pool,
             parameters,
+        })
+    }
+
+    /// The same completer whose encoder reads images of another size.
+    fn with_encoder_side(&self, py: Python<'_>, side: usize) -> PyResult<Self> {
+        let inner = self.inner.with_encoder_side(side);
+        Ok(Self {
+            inner: inner.map_err(|error| raised(py, &error))?,
+            pool: self.pool.clone(),
+            parameters: self.parameters,
         })
     }
 

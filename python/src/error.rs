@@ -63,7 +63,7 @@ pub(crate) fn raised_by_file(py: Python<'_>, error: &files::Error) -> PyErr {
     let kind = match error.cause() {
         Cause::Read | Cause::Write | Cause::Format | Cause::TooLarge => ExceptionKind::Read,
         Cause::Shape => ExceptionKind::Input,
-        Cause::Config => ExceptionKind::Settings,
+        Cause::Config | Cause::Device => ExceptionKind::Settings,
         Cause::Weights => ExceptionKind::Weights,
         Cause::Fit => ExceptionKind::Fit,
         _ => ExceptionKind::Base,

@@ -10,6 +10,7 @@ mod camera;
 mod checks;
 mod completer;
 mod completion;
+mod device;
 mod error;
 mod files;
 mod guide;
@@ -41,6 +42,8 @@ mod _native {
     use crate::completer::Completer;
     #[pymodule_export]
     use crate::completion::Completion;
+    #[pymodule_export]
+    use crate::device::check_device;
     #[pymodule_export]
     use crate::files::{Colmap, read_depth, read_image, read_points};
     #[pymodule_export]

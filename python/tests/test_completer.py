@@ -75,6 +75,20 @@ def test_weights_on_an_encoder_that_is_installed(image, sparse):
     assert_array_equal(completed(made[-1], image, sparse), found)
 
 
+def test_the_size_that_an_encoder_reads(image, sparse):
+    for side, error in ((600, "not 252 to 518"), (-1, "not 252 to 518"), (400, "no encoder")):
+        with pytest.raises(lsdc.SettingsError, match=error):
+            lsdc.Completer("small", encoder_side=side)
+    try:
+        own = lsdc.Completer("anything", encoder_side=252)
+    except lsdc.ReadError as error:
+        pytest.skip(str(error))
+    assert "encoder_side=252" in repr(own)
+    found = completed(own, image, sparse)
+    assert_array_equal(completed(pickle.loads(pickle.dumps(own)), image, sparse), found)
+    assert (completed(lsdc.Completer("anything"), image, sparse) != found).any()
+
+
 def test_losses_by_name(image, sparse, completer):
     for options in ({"robust": "foo"}, {"fit": {"robust": {"loss": "foo"}}}):
         with pytest.raises(lsdc.SettingsError, match="losses: none, irls, huber, cauchy, gm, tukey, auto"):

@@ -11,7 +11,7 @@ use lsdc_train::device::device;
 use lsdc_train::training::{self, HeldOutUnit, Scenes, TrainConfig};
 use lsdc_weights::TRAINING_NOTE;
 use lsdc_weights::history::{self, HistoryEntry};
-use lsdc_weights::{Precision, head_of, open_weights, to_bytes};
+use lsdc_weights::{Precision, head_hash, open_weights, to_bytes};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -63,7 +63,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         bar.set_position(done as u64);
     };
     let scenes = Scenes::of(frames.as_ref(), config.scenes.as_deref())?;
-    let head = head_of(&weights.network)?.map(|found| found.hash);
+    let head = head_hash(&weights.network)?;
     if head.is_none() && weights.network.extractor.encoder > 0 {
         ui::say(
             "warning: the depth head of the encoder is not installed, so errors are learned without the guide that \

@@ -44,8 +44,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         .any(|(_, c)| matches!(c, Candidate::Method(Method::Lsdc)))
         .then(|| network(args, &config.fit))
         .transpose()?;
-    if network.is_none() && args.fit.quality != Quality::Standard {
-        let what = "`--quality` would change nothing: it is for the method `lsdc`";
+    let is_changed = args.fit.quality != Quality::Standard || args.fit.encoder_side.is_some();
+    if network.is_none() && is_changed {
+        let what =
+            "`--quality` and `--encoder-side` would change nothing: they are for the method `lsdc`";
         return Err(Error::config(what).hint("add `--method lsdc`, or leave it out"));
     }
     check_guides(args, network.as_ref().map(|(completer, _)| completer))?;
@@ -105,7 +107,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         "weights": contents.transpose()?,
     });
     if let Some(own) = &own_guide {
-        inputs["depth_head"] = json!(own.hash);
+        inputs["depth_head"] = json!(own);
     }
     let heading = evaluation.heading(&name, &followed, weights, inputs)?;
     let computes = |(_, candidate): &(String, Candidate)| {
@@ -169,13 +171,15 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let completer = open_guided_completer(weights, &args.model.device, args.guide.as_ref())?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
-    let completer = at_quality(&completer.with_fit(fit), args.fit.quality, weights)?;
+    let (quality, side) = (args.fit.quality, args.fit.encoder_side);
+    let completer = at_quality(&completer.with_fit(fit), quality, side, weights)?;
     let quality = match completer.quality() {
         Quality::Standard => "",
         Quality::Best => "; quality best",
     };
     let (name, fit) = (weights_name(weights)?, completer.fit_config());
-    let name = format!("{name}; {fit}{quality}");
+    let side = side.map_or(String::new(), |side| format!("; encoder side {side}"));
+    let name = format!("{name}; {fit}{quality}{side}");
     Ok((completer, name))
 }
 

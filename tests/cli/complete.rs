@@ -133,6 +133,31 @@ fn the_best_quality_is_the_mean_with_the_mirror_image() {
 }
 
 #[test]
+fn a_size_for_an_encoder_that_is_not_there_is_refused() {
+    let folder = room();
+    for (side, more, words) in [
+        ("400", &[][..], "no encoder"),
+        ("600", &[][..], "not 252 to 518 pixels"),
+        ("400", &["--method", "wls"][..], "`--encoder-side`"),
+    ] {
+        let mut command = lsdc(folder.path());
+        command.args([
+            "complete",
+            "rgb.png",
+            "sparse.npy",
+            "-o",
+            "out",
+            "--encoder-side",
+            side,
+        ]);
+        let run = command.args(more).assert().failure();
+        let said = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(said.contains(words), "{said}");
+        assert!(!folder.path().join("out").exists());
+    }
+}
+
+#[test]
 fn the_best_quality_is_timed_and_named() {
     let folder = room();
     let bench = |more: &[&str]| {

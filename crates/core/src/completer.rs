@@ -3,7 +3,7 @@
 use crate::ensemble::Quality;
 use crate::error::{Result, SettingsError, WeightsError};
 use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
-use crate::network::{ColourAffinity, CpuNetwork, DepthHead, Encoder, Network};
+use crate::network::{ColourAffinity, CpuNetwork, DepthHead, Encoder, EncoderSide, Network};
 use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -40,8 +40,7 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub struct Completer {
     network: Arc<dyn Network>,
-    /// The depth head of the network's encoder, whose prediction guides scenes without another guide.
-    depth_head: Option<Arc<DepthHead>>,
+    head: HeadPlace,
     normalisation: Normalisation,
     fit: FitConfig,
     prior: Option<Arc<Prior>>,
@@ -52,6 +51,17 @@ pub struct Completer {
     errors: Option<ErrorModel>,
     quality: Quality,
     pool: Option<Arc<ThreadPool>>,
+}
+
+/// Where the depth head of the network's encoder runs, whose prediction guides scenes without another guide.
+#[derive(Clone)]
+pub(crate) enum HeadPlace {
+    /// Nowhere: there is none, or it is not used.
+    Nowhere,
+    /// On the device of the network, which returns its prediction.
+    Device,
+    /// On the CPU, from the features that the network returns.
+    Cpu(Arc<DepthHead>),
 }
 
 /// Starts a thread pool, with one thread per core if `threads` is 0.
@@ -191,8 +201,12 @@ impl<'a> CompleterBuilder<'a> {
         };
         fit.check()?;
         Ok(Completer {
+            head: if network.has_depth_head() {
+                HeadPlace::Device
+            } else {
+                HeadPlace::Nowhere
+            },
             network,
-            depth_head: None,
             normalisation,
             fit,
             prior,
@@ -259,7 +273,7 @@ impl Completer {
         };
         Ok(Self {
             network: Arc::new(ColourAffinity),
-            depth_head: None,
+            head: HeadPlace::Nowhere,
             normalisation: Normalisation::default(),
             fit,
             prior: Some(Arc::new(Prior::new(&[1.0], &[0.0], unknown)?)),
@@ -344,6 +358,24 @@ impl Completer {
         }
     }
 
+    /// The same completer whose pretrained encoder reads images of another size: of as many pixels as one of 4:3 with this
+    /// shorter side, 252 to 518 pixels. It is 336 otherwise, as in training. Larger images take more time and resolve smaller
+    /// things, mainly outdoors; standard deviations are calibrated for 336.
+    ///
+    /// # Errors
+    /// A side out of range, or a network without an encoder or on a device without a choice.
+    pub fn with_encoder_side(&self, side: usize) -> Result<Self> {
+        let network = self.network.with_encoder_side(EncoderSide::new(side)?);
+        let network = network.ok_or_else(|| {
+            let what = "the network has no encoder whose images could have another size";
+            SettingsError::new(what.to_owned()).with_hint("the weights `anything` have one")
+        })?;
+        Ok(Self {
+            network,
+            ..self.clone()
+        })
+    }
+
     /// The same completer, with scenes guided by the prediction of a depth head unless another guide is given. The head reads
     /// the features that the network computes with its encoder, so the encoder does not run a second time. An image for which
     /// the head predicts a constant, such as an image of one colour, has no guide.
@@ -358,7 +390,7 @@ impl Completer {
         })?;
         head.check(encoder)?;
         Ok(Self {
-            depth_head: Some(head),
+            head: HeadPlace::Cpu(head),
             ..self.clone()
         })
     }
@@ -367,17 +399,17 @@ impl Completer {
     #[must_use]
     pub fn without_depth_head(&self) -> Self {
         Self {
-            depth_head: None,
+            head: HeadPlace::Nowhere,
             ..self.clone()
         }
     }
 
     /// Whether scenes without another guide are guided by the depth head of the network's encoder.
     pub fn has_depth_head(&self) -> bool {
-        self.depth_head.is_some()
+        !matches!(self.head, HeadPlace::Nowhere)
     }
 
-    /// Whether the network uses an unmodified published encoder, so that its depth head can guide scenes.
+    /// Whether the network returns the features of an unmodified published encoder, for [`Self::with_depth_head`].
     #[doc(hidden)]
     pub fn can_have_depth_head(&self) -> bool {
         self.network.published_encoder().is_some()
@@ -404,7 +436,7 @@ impl Completer {
     /// gigabyte after large images). Call it after the last completion is dropped; later completions allocate again.
     pub fn release(&self) {
         self.network.release();
-        if let Some(head) = &self.depth_head {
+        if let HeadPlace::Cpu(head) = &self.head {
             head.release();
         }
         crate::field::release();
@@ -414,8 +446,8 @@ impl Completer {
         &*self.network
     }
 
-    pub(crate) fn depth_head(&self) -> Option<&DepthHead> {
-        self.depth_head.as_deref()
+    pub(crate) fn head(&self) -> &HeadPlace {
+        &self.head
     }
 
     pub(crate) fn normalisation(&self) -> &Normalisation {

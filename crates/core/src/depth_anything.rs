@@ -1,6 +1,6 @@
 //! Depth Anything V2 (Yang et al. 2024): relative inverse depth predicted from the image alone, as a guide.
 
-use crate::depth_guide::{DepthGuide, GuideKind};
+use crate::depth_guide::DepthGuide;
 use crate::error::{Result, SettingsError};
 use crate::image::Image;
 use crate::network::{DepthHead, Encoder, EncoderConfig, PATCH};
@@ -103,7 +103,7 @@ impl DepthAnything {
     /// A short side out of range, colours that are not finite, or a constant prediction, as for an image of one colour.
     pub fn predict(&self, image: &Image<'_>, short_side: usize) -> Result<DepthGuide> {
         let (values, (height, width)) = self.inverse_depth(image, short_side)?;
-        DepthGuide::new(GuideKind::Disparity, width, height, &values)
+        DepthGuide::with_sky(width, height, &values)
     }
 
     /// The values of [`Self::predict`], and their height and width.
@@ -132,13 +132,13 @@ impl DepthAnything {
     }
 
     /// Checks that a short side is in range.
-    fn check_short_side(short_side: usize) -> Result<(), SettingsError> {
+    pub(crate) fn check_short_side(short_side: usize) -> Result<(), SettingsError> {
         if Self::SHORT_SIDES.contains(&short_side) {
             return Ok(());
         }
         let (least, most) = (Self::SHORT_SIDES.start(), Self::SHORT_SIDES.end());
         let what = format!(
-            "the short side of the image that Depth Anything reads is {short_side}, not {least} to {most} pixels"
+            "the short side of the image that the encoder reads is {short_side}, not {least} to {most} pixels"
         );
         Err(SettingsError::new(what))
     }

@@ -5,6 +5,7 @@ use crate::ensemble::mirrored;
 use crate::error::{ImageError, Result};
 use crate::fit::median;
 use crate::image::check_length;
+use crate::sky::InverseDepthScale;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -49,6 +50,8 @@ struct Inner {
     functions: Vec<f32>,
     count: usize,
     missing: usize,
+    /// Whether each pixel shows sky; empty if that is unknown, or if there is no sky.
+    sky: Vec<bool>,
 }
 
 /// Frequencies along x and y of the cosines that multiply the first function.
@@ -67,6 +70,27 @@ impl DepthGuide {
     /// # Errors
     /// The number of values is not `width * height`, the guide is empty, or all of its values are missing or equal.
     pub fn new(kind: GuideKind, width: usize, height: usize, values: &[f32]) -> Result<Self> {
+        Self::made(kind, (width, height), values, Vec::new())
+    }
+
+    /// A guide of relative inverse depths with infinity at 0, as predicted by Depth Anything: it knows where sky is.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    #[doc(hidden)]
+    pub fn with_sky(width: usize, height: usize, inverse: &[f32]) -> Result<Self> {
+        let scale = InverseDepthScale::of(inverse).filter(|scale| scale.has_sky);
+        let sky = scale.map(|scale| inverse.iter().map(|v| scale.is_sky(*v)).collect());
+        let size = (width, height);
+        Self::made(GuideKind::Disparity, size, inverse, sky.unwrap_or_default())
+    }
+
+    fn made(
+        kind: GuideKind,
+        (width, height): (usize, usize),
+        values: &[f32],
+        sky: Vec<bool>,
+    ) -> Result<Self> {
         check_length(width, height, values.len())?;
         let usable = |v: f32| v.is_finite() && (kind != GuideKind::Depth || v > 0.0);
         let missing = values.iter().filter(|v| !usable(**v)).count();
@@ -84,7 +108,30 @@ impl DepthGuide {
             functions: functions.collect(),
             count: maps.len(),
             missing,
+            sky,
         })))
+    }
+
+    /// Whether the guide knows of sky.
+    pub(crate) fn has_sky(&self) -> bool {
+        !self.0.sky.is_empty()
+    }
+
+    /// Whether the guide shows sky at a position (u, v) of an image of `size` (height, width).
+    pub(crate) fn is_sky(&self, size: (usize, usize), place: [f64; 2]) -> bool {
+        let Inner {
+            height, width, sky, ..
+        } = &*self.0;
+        let pixel = |at: f64, length: usize, own: usize| {
+            let nearest = (at + 0.5) * own as f64 / length as f64;
+            // Saturates at the borders.
+            (nearest as usize).min(own - 1)
+        };
+        let (x, y) = (
+            pixel(place[0], size.1, *width),
+            pixel(place[1], size.0, *height),
+        );
+        sky.get(y * width + x).is_some_and(|sky| *sky)
     }
 
     /// Number of columns.
@@ -110,6 +157,7 @@ impl DepthGuide {
             ref functions,
             count,
             missing,
+            ref sky,
         } = *self.0;
         Self(Arc::new(Inner {
             height,
@@ -117,6 +165,7 @@ impl DepthGuide {
             functions: mirrored(functions, width, count),
             count,
             missing,
+            sky: mirrored(sky, width, 1),
         }))
     }
 

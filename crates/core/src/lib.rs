@@ -82,6 +82,8 @@ mod noise_model;
 mod observations;
 mod resize;
 mod scene;
+#[doc(hidden)]
+pub mod sky;
 mod smoothing;
 mod standard_deviation;
 mod tensor;

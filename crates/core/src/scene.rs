@@ -4,8 +4,8 @@ mod complete;
 mod variants;
 
 use crate::bilinear::InterpolationWeights;
-use crate::completer::Completer;
-use crate::depth_guide::{DepthGuide, GuideKind};
+use crate::completer::{Completer, HeadPlace};
+use crate::depth_guide::DepthGuide;
 use crate::ensemble::{Quality, mirrored};
 use crate::error::{Error, ImageError, Result};
 use crate::field;
@@ -120,20 +120,21 @@ impl Completer {
 /// Returns the guide that the depth head of a completer predicts from the features of its network; `None` without a head, or if
 /// the prediction is constant.
 fn predicted_guide(completer: &Completer, forward: &dyn Forward) -> Result<Option<DepthGuide>> {
-    let Some(head) = completer.depth_head() else {
-        return Ok(None);
-    };
-    let (values, (height, width)) = match forward.published_depths() {
-        Some(predicted) => predicted,
-        None => match forward.published_features() {
+    let predicted = match completer.head() {
+        HeadPlace::Nowhere => None,
+        HeadPlace::Device => forward.published_depths(),
+        HeadPlace::Cpu(head) => match forward.published_features() {
+            None => None,
             Some(features) => {
                 let size = (features.rows * PATCH, features.columns * PATCH);
-                (head.predict(&features)?, size)
+                Some((head.predict(&features)?, size))
             }
-            None => return Ok(None),
         },
     };
-    match DepthGuide::new(GuideKind::Disparity, width, height, &values) {
+    let Some((values, (height, width))) = predicted else {
+        return Ok(None);
+    };
+    match DepthGuide::with_sky(width, height, &values) {
         Err(Error::Image(ImageError::NoGuide)) => Ok(None),
         guide => guide.map(Some),
     }
@@ -278,6 +279,11 @@ impl Scene {
     /// The affinities of the image, if they were computed.
     pub(crate) fn known_affinities(&self) -> Option<&Affinities> {
         self.0.guided_affinities.get()
+    }
+
+    /// The guide, if it shows sky.
+    pub(crate) fn guide_with_sky(&self) -> Option<&DepthGuide> {
+        self.0.depth_guide.as_ref().filter(|guide| guide.has_sky())
     }
 
     pub(crate) fn size(&self) -> (usize, usize) {

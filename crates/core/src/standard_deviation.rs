@@ -23,7 +23,8 @@ impl Completion {
     /// with the weights, and approximate for other settings. It is half the width of the interval around the depth that holds
     /// 68.27 % of errors, as one standard deviation does if errors are normal. Depth errors have heavier tails at missed edges;
     /// [`Self::interval`] returns the multiple of this map that holds another share. If observations are dense and the map
-    /// follows each of them, it is scaled to their leave-one-out errors.
+    /// follows each of them, it is scaled to their leave-one-out errors. Where a guide predicted by Depth Anything shows sky and
+    /// no point is near, it is at least the depth, whose value means nothing there.
     ///
     /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are the standard deviations of both fits. It
     /// is not calibrated again: intervals hold at least their share of errors, and exactly that share only if the errors of
@@ -53,7 +54,37 @@ impl Completion {
         let completer = self.scene().completer();
         let mut values = completer.run(|| self.deviations(size))?;
         completer.run(|| self.reduce_deviations(size, &mut values));
+        completer.run(|| self.raise_in_sky(size, &mut values));
         Ok(values)
+    }
+
+    /// Raises standard deviations to the depth where a predicted guide shows sky, whose distance is unknown, except near points
+    /// in the sky: what the guide takes for sky was measured there.
+    fn raise_in_sky(&self, (height, width): (usize, usize), deviations: &mut [f32]) {
+        /// In mean distances between points.
+        const NEAR: f64 = 2.0;
+        let scene = self.scene();
+        let Some(guide) = scene.guide_with_sky() else {
+            return;
+        };
+        let (own, places) = (scene.size(), &self.usable().places);
+        let measured = places.iter().filter(|place| guide.is_sky(own, **place));
+        let measured = NeighbourGrid::new(&measured.copied().collect::<Vec<_>>());
+        let near = NEAR.powi(2) * (own.0 * own.1) as f64 / places.len().max(1) as f64;
+        let (right, down) = (own.1 as f64 / width as f64, own.0 as f64 / height as f64);
+        let depth = self.dense((height, width));
+        let pixels = deviations.par_iter_mut().zip(depth).enumerate();
+        pixels.for_each_init(Vec::new, |nearest, (pixel, (deviation, depth))| {
+            let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            let place = [x * right - 0.5, y * down - 0.5];
+            if !guide.is_sky(own, place) {
+                return;
+            }
+            measured.find(place, 1, nearest);
+            if nearest.first().is_none_or(|(square, _)| *square > near) {
+                *deviation = deviation.max(depth);
+            }
+        });
     }
 
     /// The number of standard deviations around the depth that hold a share `level` of errors, from 0 to 1 (exclusive). Errors

@@ -235,3 +235,57 @@ fn other_fits_to_an_image_do_not_run_the_network_again() {
     let alone = scene.with_fit(alone).unwrap();
     assert!(alone.with_fit(*completer.fit_config()).is_err());
 }
+
+#[test]
+fn the_sky_of_a_predicted_guide_is_not_measured() {
+    /// Rows of sky at the top.
+    const SKY: usize = 20;
+    let completer = Completer::new(&Weights::builtin_small()).unwrap();
+    let mut inverse: Vec<f32> = truth().into_iter().map(f32::recip).collect();
+    inverse[..SKY * WIDTH].fill(0.0);
+    let known = DepthGuide::with_sky(WIDTH, HEIGHT, &inverse).unwrap();
+    let unknown = DepthGuide::new(GuideKind::Disparity, WIDTH, HEIGHT, &inverse).unwrap();
+    let grey = vec![128_u8; 3 * WIDTH * HEIGHT];
+    let image = Image::new(WIDTH, HEIGHT, Channels::Rgb, &grey).unwrap();
+    let maps = |guide: &DepthGuide, points: &Observations| {
+        let scene = completer.guided_scene(&image, guide).unwrap();
+        let completion = scene.complete(points).unwrap();
+        let deviation = completion.standard_deviation().unwrap();
+        (completion.depth().unwrap(), deviation)
+    };
+    let ground = points(120);
+    let mut ground: Observations = ground
+        .iter()
+        .filter(|p| p.v >= SKY as f64)
+        .copied()
+        .collect();
+    // In mean distances between points, as in the implementation.
+    let near = 2.0 * ((WIDTH * HEIGHT) as f64 / (ground.len() + 1) as f64).sqrt();
+    let (depth, raised) = maps(&known, &ground);
+    let (same, plain) = maps(&unknown, &ground);
+    assert_eq!(depth, same);
+    let pixels = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+    for (x, y) in pixels() {
+        if y < SKY {
+            assert_eq!(raised.at(x, y), plain.at(x, y).max(depth.at(x, y)));
+        } else {
+            assert_eq!(raised.at(x, y), plain.at(x, y));
+        }
+    }
+    assert!(pixels().any(|(x, y)| plain.at(x, y) < 0.2 * depth.at(x, y) && y < SKY));
+
+    // What was measured is not sky.
+    ground.add(48.0, 8.0, 4.0);
+    let (_, raised) = maps(&known, &ground);
+    let (depth, plain) = maps(&unknown, &ground);
+    for (x, y) in pixels().filter(|(_, y)| *y < SKY) {
+        let away = (x as f64 - 48.0).hypot(y as f64 - 8.0);
+        let plain = plain.at(x, y);
+        let expected = if away <= near {
+            plain
+        } else {
+            plain.max(depth.at(x, y))
+        };
+        assert_eq!(raised.at(x, y), expected, "{x}, {y}");
+    }
+}

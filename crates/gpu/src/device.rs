@@ -67,6 +67,9 @@ pub enum GpuError {
         /// Names of the available GPUs.
         found: String,
     },
+    /// The process was forked after it opened a GPU, which does not survive that.
+    #[error("this process was forked from one that had opened a GPU")]
+    Forked,
     /// The driver refused.
     #[error("the GPU `{name}` cannot be opened: {why}")]
     Refused {
@@ -83,8 +86,9 @@ impl GpuError {
         match self {
             Self::Unknown { .. } => "GPUs are wgpu, wgpu:N, wgpu:integrated and wgpu:software",
             Self::Missing { .. } | Self::Refused { .. } => {
-                "check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`"
+                "check the graphics driver (`vulkaninfo --summary`), or use the device `cpu`"
             }
+            Self::Forked => "start processes with \"spawn\", or open the GPU after the fork",
         }
     }
 }
@@ -112,9 +116,13 @@ impl Gpu {
     /// Returns the GPU of a kind. It is opened once per process, and reopened after a failure.
     ///
     /// # Errors
-    /// As for [`Gpu::open`].
+    /// As for [`Gpu::open`], and a process that was forked after it opened one.
     pub fn shared(adapter: Adapter) -> Result<Self, GpuError> {
         static OPENED: Mutex<Vec<(Adapter, Gpu)>> = Mutex::new(Vec::new());
+        static PROCESS: OnceLock<u32> = OnceLock::new();
+        if *PROCESS.get_or_init(std::process::id) != std::process::id() {
+            return Err(GpuError::Forked);
+        }
         let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
         opened.retain(|(_, gpu)| gpu.check().is_ok());
         if let Some((_, gpu)) = opened.iter().find(|(known, _)| *known == adapter) {

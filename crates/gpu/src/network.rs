@@ -7,8 +7,8 @@ use crate::plan::{Launches, Map, Place, Recorder};
 use crate::traffic::Part;
 use crate::weights::{GpuLayer, Packer};
 use lsdc_core::network::{
-    Basis, EncoderConfig, Executor as _, FeatureMap, Forward, Network, NetworkConfig,
-    NetworkLayers, NormKind, PATCH, in_patches,
+    Basis, EncoderSide, Executor as _, Forward, Network, NetworkConfig, NetworkLayers, NormKind,
+    PATCH, in_patches,
 };
 use lsdc_core::{Error, Weights, WeightsError};
 use std::collections::VecDeque;
@@ -20,7 +20,10 @@ const PLANS: usize = 2;
 
 /// A network with its weights on a GPU. Clones share it.
 #[derive(Clone, Debug)]
-pub struct GpuNetwork(Arc<Inner>);
+pub struct GpuNetwork {
+    inner: Arc<Inner>,
+    encoder_side: EncoderSide,
+}
 
 #[derive(Debug)]
 struct Inner {
@@ -98,27 +101,37 @@ impl GpuNetwork {
             0,
             bytemuck::cast_slice(&values),
         );
-        Ok(Self(Arc::new(Inner {
+        let inner = Inner {
             gpu: gpu.clone(),
             layers,
             encoder,
             head,
             weights,
             plans: Mutex::default(),
-        })))
+        };
+        Ok(Self {
+            inner: Arc::new(inner),
+            encoder_side: EncoderSide::default(),
+        })
     }
 
     /// The GPU that runs it.
     pub fn gpu(&self) -> &Gpu {
-        &self.0.gpu
+        &self.inner.gpu
     }
 
     fn plan(&self, size: (usize, usize)) -> Result<Arc<Plan>, Error> {
-        let mut plans = self.0.plans.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(plan) = plans.iter().find(|plan| plan.size == size) {
+        let mut plans = self
+            .inner
+            .plans
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let side = self.encoder_side;
+        let known = |plan: &&Arc<Plan>| (plan.size, plan.encoder_side) == (size, side);
+        if let Some(plan) = plans.iter().find(known) {
             return Ok(plan.clone());
         }
-        let plan = Arc::new(Plan::new(&self.0, size)?);
+        let plan = Arc::new(Plan::new(&self.inner, size, side)?);
         plans.push_front(plan.clone());
         plans.truncate(PLANS);
         Ok(plan)
@@ -129,6 +142,7 @@ impl GpuNetwork {
 #[derive(Debug)]
 struct Plan {
     size: (usize, usize),
+    encoder_side: EncoderSide,
     launches: Launches,
     /// Number of launches for the affinities.
     first: usize,
@@ -146,11 +160,15 @@ struct Plan {
 }
 
 impl Plan {
-    fn new(network: &Inner, size: (usize, usize)) -> Result<Self, Error> {
+    fn new(
+        network: &Inner,
+        size: (usize, usize),
+        encoder_side: EncoderSide,
+    ) -> Result<Self, Error> {
         let recorder = Recorder::default();
         let image = recorder.map(size, 1);
         let encoder = network.encoder.as_ref();
-        let (rows, columns) = FeatureMap::size(size);
+        let (rows, columns) = encoder_side.patches(size);
         let patches = encoder.map(|_| recorder.map((rows * PATCH, columns * PATCH), 1));
         let encoded = (encoder.zip(patches.as_ref()))
             .map(|(encoder, patches)| encoder.record(patches, &recorder));
@@ -169,6 +187,7 @@ impl Plan {
             .map(|encoded| encoded.kept.each_ref().map(Map::place));
         let plan = |launches| Self {
             size,
+            encoder_side,
             launches,
             first,
             image: image.place(),
@@ -194,7 +213,7 @@ impl Plan {
     fn run(&self, gpu: &Gpu, image: &[f32]) -> Result<Submitted, Error> {
         let patches = match self.patches {
             None => None,
-            Some(place) => Some((place, in_patches(image, self.size)?.0)),
+            Some(place) => Some((place, in_patches(image, self.size, self.encoder_side)?.0)),
         };
         let (_, bytes) = self.features.bytes();
         let logarithm = self.logarithm.map_or(0, |map| map.bytes().1);
@@ -273,8 +292,8 @@ impl Network for GpuNetwork {
             affinities,
             depths,
             features,
-        } = plan.run(&self.0.gpu, image)?;
-        self.0.gpu.check()?;
+        } = plan.run(&self.inner.gpu, image)?;
+        self.inner.gpu.check()?;
         Ok(Box::new(GpuForward {
             network: self.clone(),
             size,
@@ -286,17 +305,27 @@ impl Network for GpuNetwork {
         }))
     }
 
-    fn published_encoder(&self) -> Option<&EncoderConfig> {
-        // Without the head, the features of the encoder stay on the GPU.
-        let encoder = self.0.encoder.as_ref().filter(|encoder| encoder.has_head());
-        encoder.map(|encoder| &encoder.config)
+    fn has_depth_head(&self) -> bool {
+        self.inner
+            .encoder
+            .as_ref()
+            .is_some_and(GpuEncoder::has_head)
+    }
+
+    fn with_encoder_side(&self, encoder_side: EncoderSide) -> Option<Arc<dyn Network>> {
+        self.inner.encoder.as_ref()?;
+        let inner = self.inner.clone();
+        Some(Arc::new(Self {
+            inner,
+            encoder_side,
+        }))
     }
 
     fn release(&self) {
-        let plans = &self.0.plans;
+        let plans = &self.inner.plans;
         plans.lock().unwrap_or_else(PoisonError::into_inner).clear();
-        self.0.head.clear();
-        self.0.gpu.pool().clear();
+        self.inner.head.clear();
+        self.inner.gpu.pool().clear();
     }
 }
 
@@ -325,7 +354,7 @@ impl Forward for GpuForward {
     fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
         let read = || {
             let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
-            let gpu = &self.network.0.gpu;
+            let gpu = &self.network.inner.gpu;
             let values = pending.take();
             let values = values.map(|(pending, _in_flight)| gpu.wait(Part::Network, pending));
             values.unwrap_or_default()
@@ -340,7 +369,7 @@ impl Forward for GpuForward {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .take()?;
-        let values = self.network.0.gpu.wait(Part::Network, pending);
+        let values = self.network.inner.gpu.wait(Part::Network, pending);
         Some((values, (place.height, place.width)))
     }
 }
@@ -356,14 +385,14 @@ impl Basis for GpuBasis {
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         let Inner {
             gpu, head, weights, ..
-        } = &*self.network.0;
+        } = &*self.network.inner;
         head.at(gpu, weights, &self.features, size, places)
     }
 
     fn combine(&self, size: (usize, usize), factors: &[f64]) -> Vec<f32> {
         let Inner {
             gpu, head, weights, ..
-        } = &*self.network.0;
+        } = &*self.network.inner;
         head.combine(gpu, weights, &self.features, size, factors)
     }
 }

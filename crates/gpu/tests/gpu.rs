@@ -197,16 +197,22 @@ fn a_guided_completion_agrees() {
     let (image, points) = scene(size);
     let image = Image::new(size.1, size.0, Channels::Rgb, &image).unwrap();
     let complete = |completer: Completer| {
-        let scene = completer
-            .with_depth_head(head.clone())
-            .unwrap()
-            .scene(&image)
-            .unwrap();
+        let scene = completer.scene(&image).unwrap();
         assert!(scene.is_guided());
         scene.complete(&points).unwrap().depth().unwrap()
     };
-    let expected = complete(builder().encoder(encoder).build().unwrap());
-    let found = complete(builder().network(network).build().unwrap());
+    let on_cpu = builder().encoder(encoder).build().unwrap();
+    let expected = complete(on_cpu.with_depth_head(head).unwrap());
+    let on_gpu = builder().network(network).build().unwrap();
+    assert!(on_gpu.has_depth_head() && !on_gpu.can_have_depth_head());
+    assert!(
+        !on_gpu
+            .without_depth_head()
+            .scene(&image)
+            .unwrap()
+            .is_guided()
+    );
+    let found = complete(on_gpu);
     let squares = expected.values().iter().zip(found.values());
     let squares = squares.map(|(a, b)| f64::from(a - b).powi(2));
     let rms = (squares.sum::<f64>() / expected.values().len() as f64).sqrt();

@@ -96,17 +96,16 @@ pub struct InstalledDepthAnything {
     pub hash: String,
 }
 
+/// Depth Anything V2 Small with each [`ResizeLayer`], once it is prepared.
+static PREPARED: [OnceLock<InstalledDepthAnything>; 2] = [const { OnceLock::new() }; 2];
+
 /// Returns Depth Anything V2 Small from the user's data folder, prepared for the CPU. It is prepared once per process, and
 /// shares its encoder with the weights `anything`.
 ///
 /// # Errors
 /// It is not installed, or without its depth head, or its files were damaged since.
 pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
-    static PREPARED: [OnceLock<InstalledDepthAnything>; 2] = [const { OnceLock::new() }; 2];
-    let place = match layer {
-        ResizeLayer::Learned => &PREPARED[0],
-        ResizeLayer::Published => &PREPARED[1],
-    };
+    let place = &PREPARED[layer as usize];
     if let Some(found) = place.get() {
         return Ok(found.clone());
     }
@@ -115,27 +114,27 @@ pub fn depth_anything(layer: ResizeLayer) -> Result<InstalledDepthAnything> {
     if !store.path(known).exists() {
         return Err(store.missing(known, "the guide `depth-anything` needs"));
     }
-    let (head, chosen) = head_tensors(&store, layer)?;
-    // The identities of the other tensors have been checked.
-    let fixed = known.head.map_or("", |head| head.identity);
-    let tensors = format!("{} {fixed} {chosen}", known.identity);
+    let (head, hash) = head_tensors(&store, layer)?;
     let head = DepthHead::new(&head, Level::here())?;
     let found = InstalledDepthAnything {
         network: DepthAnything::with_parts(prepared_encoder()?, head)?,
-        hash: sha256(tensors.as_bytes()).chars().take(16).collect(),
+        hash,
     };
     Ok(place.get_or_init(|| found).clone())
 }
 
-/// Returns the tensors of the installed depth head, and the identity of the chosen one.
+/// Returns the tensors of the installed depth head, and the hash of all tensors of Depth Anything.
 fn head_tensors(store: &Store, layer: ResizeLayer) -> Result<(BTreeMap<String, Tensor>, String)> {
     let [known] = &KNOWN;
     let mut head = store.load_head(known)?;
     let chosen = layer.take_from(&mut head, &store.head_path(known))?;
     let chosen = BTreeMap::from([(RESIZE_LAYER.to_owned(), chosen)]);
-    let identity = identity(&chosen);
+    // The identities of the other tensors have been checked.
+    let fixed = known.head.map_or("", |head| head.identity);
+    let tensors = format!("{} {fixed} {}", known.identity, identity(&chosen));
     head.extend(chosen);
-    Ok((head, identity))
+    let hash = sha256(tensors.as_bytes()).chars().take(16).collect();
+    Ok((head, hash))
 }
 
 /// Returns the tensors of the depth head that [`guided_by_head`] uses, for other devices; `None` if it is not installed.
@@ -151,37 +150,41 @@ pub fn installed_head() -> Result<Option<BTreeMap<String, Tensor>>> {
     Ok(Some(head))
 }
 
-/// Returns Depth Anything V2 Small for a network with its encoder, whose scenes its depth head guides (see
+/// Returns the hash of Depth Anything V2 Small, whose depth head guides the scenes of a network with its encoder (see
 /// [`guided_by_head`]). `None` for other networks, and if the head is not installed.
 ///
 /// # Errors
 /// Files in the user's data folder were damaged.
-pub fn head_of(network: &NetworkConfig) -> Result<Option<InstalledDepthAnything>> {
+pub fn head_hash(network: &NetworkConfig) -> Result<Option<String>> {
     if network.extractor.encoder == 0 {
         return Ok(None);
     }
-    head_if_installed()
+    let store = Store::open()?;
+    if !head_exists(&store) {
+        return Ok(None);
+    }
+    let layer = ResizeLayer::default();
+    if let Some(prepared) = PREPARED[layer as usize].get() {
+        return Ok(Some(prepared.hash.clone()));
+    }
+    let (_, hash) = head_tensors(&store, layer)?;
+    Ok(Some(hash))
 }
 
 /// Adds the depth head of the encoder as a guide of the scenes of a completer, if it is installed; the encoder runs once
-/// for both. Other completers are returned unchanged.
+/// for both. Other completers, and those whose device already runs the head, are returned unchanged.
 ///
 /// # Errors
-/// As [`head_of`].
+/// As for [`head_hash`].
 pub fn guided_by_head(completer: Completer) -> Result<Completer> {
     if !completer.can_have_depth_head() {
         return Ok(completer);
     }
-    Ok(match head_if_installed()? {
-        None => completer,
-        Some(found) => completer.with_depth_head(found.network.depth_head())?,
-    })
-}
-
-fn head_if_installed() -> Result<Option<InstalledDepthAnything>> {
-    head_exists(&Store::open()?)
-        .then(|| depth_anything(ResizeLayer::default()))
-        .transpose()
+    if !head_exists(&Store::open()?) {
+        return Ok(completer);
+    }
+    let found = depth_anything(ResizeLayer::default())?;
+    Ok(completer.with_depth_head(found.network.depth_head())?)
 }
 
 fn head_exists(store: &Store) -> bool {

@@ -27,6 +27,8 @@ pub mod history;
 mod installed;
 mod known;
 mod names;
+#[cfg(feature = "gpu")]
+mod on_gpu;
 #[cfg(feature = "onnx")]
 mod onnx;
 mod pickle;
@@ -47,10 +49,12 @@ pub use embedded::{Embedded, embedded, named};
 pub use golden::golden;
 pub use installed::{
     InstalledDepthAnything, ResizeLayer, completer, depth_anything, encoder_of, guided_by_head,
-    head_of, installed, installed_head,
+    head_hash, installed, installed_head,
 };
 pub use known::{ANYTHING, KNOWN, KnownEncoder, KnownHead, identity, recognise};
 pub use lsdc_files::error;
+#[cfg(feature = "gpu")]
+pub use on_gpu::gpu_network;
 #[cfg(feature = "onnx")]
 pub use onnx::{OPSET, to_onnx};
 pub use store::{FOLDER, Installation, Store, how_to_install};

@@ -165,3 +165,39 @@ fn a_head_belongs_to_its_encoder() {
             .has_depth_head()
     );
 }
+
+#[test]
+fn the_encoder_reads_images_of_another_size() {
+    let encoder = encoder();
+    let completer = unguided(&encoder);
+    let rgb = rgb();
+    let expected = depth(&completer.scene(&image(&rgb)).unwrap());
+    let with = |side: usize| {
+        let completer = completer.with_encoder_side(side).unwrap();
+        depth(&completer.scene(&image(&rgb)).unwrap())
+    };
+    assert_eq!(with(336), expected);
+    assert!(with(252) != expected);
+    assert!(completer.with_encoder_side(600).is_err());
+
+    // The head predicts from the same features.
+    let network = network(&encoder, &head_tensors());
+    let guided = completer.with_depth_head(network.depth_head()).unwrap();
+    let guided = guided.with_encoder_side(252).unwrap();
+    let own = depth(&guided.scene(&image(&rgb)).unwrap());
+    let guide = network.predict(&image(&rgb), 252).unwrap();
+    let other = completer.with_encoder_side(252).unwrap();
+    let other = depth(&other.guided_scene(&image(&rgb), &guide).unwrap());
+    // The colours are resized before or after they are normalised.
+    for (a, b) in own.iter().zip(&other) {
+        assert!((a - b).abs() < 1e-3 * b, "{a} {b}");
+    }
+
+    let small = lsdc_weights::named("small").unwrap().read().unwrap();
+    let error = Completer::new(&small)
+        .unwrap()
+        .with_encoder_side(336)
+        .unwrap_err();
+    assert!(error.to_string().contains("no encoder"), "{error}");
+    assert!(error.hint().unwrap().contains("anything"));
+}

@@ -16,6 +16,7 @@ import ray
 
 from .._completer import Completer
 from .._errors import Error, SettingsError
+from ._dataset import check_gpus
 from ._options import ENCODINGS, Options
 from ._place import Place
 from ._plan import Plan, planned
@@ -48,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 job.options,
                 job.destination,
                 num_cpus=args.cpus,
+                num_gpus=args.gpus,
                 concurrency=args.workers,
                 progress=bar.add,
             )
@@ -80,7 +82,12 @@ def _prepared(args: argparse.Namespace) -> _Job:
     except json.JSONDecodeError as error:
         raise SettingsError(f"`--fit` is no JSON: {error}") from None
     completer = Completer(
-        args.weights, fit=fit, robust=args.robust, working_size=args.working_size, threads=max(1, args.cpus)
+        args.weights,
+        fit=fit,
+        robust=args.robust,
+        working_size=args.working_size,
+        encoder_side=args.encoder_side,
+        threads=max(1, args.cpus),
     )
     options = Options(
         completer,
@@ -90,7 +97,9 @@ def _prepared(args: argparse.Namespace) -> _Job:
         encoding=args.encoding,
         step=args.step,
         standard_deviation=args.standard_deviation,
+        device=args.device,
     )
+    check_gpus(args.device, args.gpus)
     if args.cpus < 1 or (args.workers is not None and args.workers < 1):
         raise SettingsError("`--cpus` and `--workers` are at least 1")
     if _below(args.dest, args.source):
@@ -196,12 +205,15 @@ def _parser() -> argparse.ArgumentParser:
     add("--robust", help="limits the influence of outliers: auto, or another loss")
     add("--size", type=_size, metavar="WxH", help="of results (default: that of the image)")
     add("--working-size", type=_size, metavar="WxH", help="of images in the network")
+    add("--encoder-side", type=int, metavar="PIXELS", help="shorter side of the image that the encoder of the weights reads")
     add("--standard-deviation", action="store_true", help="also that of every pixel")
     add("--format", choices=list(WRITERS), default="parquet", help="of results (default: %(default)s)")
     add("--encoding", choices=ENCODINGS, default="f16", help="of depths (default: %(default)s)")
     add("--step", type=float, default=0.001, help="unit of the encoding u16 in metres (default: %(default)s)")
     add("--per-shard", type=int, default=128, help="frames in a file of results (default: %(default)s)")
     add("--cpus", type=int, default=1, help="CPUs and threads of a worker (default: %(default)s)")
+    add("--device", default="cpu", help="of networks: cpu, or wgpu, which is the GPU that Ray assigns (default: %(default)s)")
+    add("--gpus", type=float, default=0, help="GPUs of a worker, such as 0.25 (default: %(default)s)")
     add("--workers", type=int, help="number of workers (default: as many as there is room for)")
     add("--address", help="of the cluster (default: RAY_ADDRESS, or this machine)")
     add("--quiet", action="store_true", help="no progress")

@@ -9,7 +9,7 @@ import pyarrow as pa
 import ray.data
 
 from .._completer import Completer, Weights
-from .._errors import InputError
+from .._errors import InputError, SettingsError
 from .._input import Order, Size, Unit
 from .._settings import FitSettings, Robust
 from ._frame import SCHEMA, Frame, Inputs, as_depths, as_picture, completed
@@ -28,6 +28,7 @@ def complete(
     fit: FitSettings | None = None,
     robust: Robust = None,
     working_size: Size | None = None,
+    encoder_side: int | None = None,
     unit: Unit | None = None,
     size: Size | None = None,
     order: Order = "rgb",
@@ -35,7 +36,9 @@ def complete(
     step: float = 0.001,
     standard_deviation: bool = False,
     batch_size: int = 8,
+    device: str = "cpu",
     num_cpus: int = 1,
+    num_gpus: float = 0,
     concurrency: int | tuple[int, int] | None = None,
 ) -> ray.data.Dataset:
     """Completes every row of a Dataset lazily, as a stream with one row out for each row in.
@@ -55,7 +58,7 @@ def complete(
         The column of standard deviations of the depths, or one standard deviation for all.
     guide : str, optional
         The column of depth predictions from another source.
-    weights, fit, robust, working_size
+    weights, fit, robust, working_size, encoder_side
         See `Completer`.
     unit, size, order
         See `Scene.complete` and `Completer.scene`.
@@ -68,6 +71,11 @@ def complete(
         Rows that an actor holds; small, because a row is a whole image.
     num_cpus : int
         CPUs and threads of an actor. With 1, many frames at a time make the best use of all cores.
+    device : str
+        The device of the networks of actors, see `Completer`. With "wgpu", an actor uses the discrete GPU with the number that
+        Ray assigned to it, if it assigned one.
+    num_gpus : float
+        GPUs that an actor takes from Ray, such as 0.25 for four actors on each GPU.
     concurrency : int or (int, int), optional
         Number of actors, or its bounds. By default, as many as fit into the cluster.
 
@@ -84,10 +92,16 @@ def complete(
         Invalid options, or a column that is known to be missing; raised immediately.
     """
     completer = Completer(
-        weights, fit=fit, robust=robust, working_size=working_size, threads=max(1, int(num_cpus))
+        weights,
+        fit=fit,
+        robust=robust,
+        working_size=working_size,
+        encoder_side=encoder_side,
+        threads=max(1, int(num_cpus)),
     )
     number = None if isinstance(sigma, str) else sigma
-    options = Options(completer, unit, number, size, order, encoding, step, standard_deviation)
+    check_gpus(device, num_gpus)
+    options = Options(completer, unit, number, size, order, encoding, step, standard_deviation, device)
     columns = {"key": key, "image": image, "sparse": sparse}
     columns |= {"sigma": sigma} if isinstance(sigma, str) else {}
     columns |= {} if guide is None else {"guide": guide}
@@ -101,7 +115,16 @@ def complete(
         batch_format="numpy",
         compute=actors(concurrency),
         num_cpus=num_cpus,
+        num_gpus=num_gpus or None,
     )
+
+
+def check_gpus(device: str, num_gpus: float) -> None:
+    """Refuses GPUs that workers would take from Ray and not use, and numbers that Ray refuses later."""
+    if not (np.isfinite(num_gpus) and num_gpus >= 0) or (num_gpus > 1 and num_gpus % 1 != 0):
+        raise SettingsError(f"a worker cannot take {num_gpus} GPUs", "give a share of one, or a whole number")
+    if num_gpus > 0 and device == "cpu":
+        raise SettingsError("workers on the CPU need no GPUs", 'add the device "wgpu"')
 
 
 def actors(concurrency: int | tuple[int, int] | None, initial: int = 1) -> ray.data.ActorPoolStrategy:
@@ -129,12 +152,13 @@ class _Worker:
 
     def __init__(self, options: Options, columns: dict[str, str]) -> None:
         self._options, self._columns = options, columns
+        self._completer = options.on_worker()
 
     def __call__(self, batch: dict[str, Any]) -> pa.Table:
         _check(self._columns, batch)
         keys = batch[self._columns["key"]]
         rows = [
-            completed(self._frame(str(key), batch, row), self._options.completer, self._options)
+            completed(self._frame(str(key), batch, row), self._completer, self._options)
             for row, key in enumerate(keys)
         ]
         return pa.Table.from_pylist(rows, SCHEMA)

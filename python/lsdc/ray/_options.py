@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Literal, cast
 
 import numpy as np
+import ray
 
 from .._completer import Completer
 from .._errors import SettingsError
 from .._input import Order, Size, Unit, as_size, per_metre
-from .._native import golden
+from .._native import check_device, golden
 
 Encoding = Literal["f16", "u16", "f32"]
 """How depths are stored: as floats of 16 or 32 bits, or as unsigned integers of 16 bits in a unit of their own."""
@@ -33,8 +34,11 @@ class Options:
     encoding: Encoding = "f16"
     step: float = 0.001
     standard_deviation: bool = False
+    device: str = "cpu"
+    """Of the workers: `completer` is on the CPU, because the process that starts the job may have no GPU."""
 
     def __post_init__(self) -> None:
+        check_device(self.device)
         per_metre(self.unit)
         if self.size is not None:
             as_size(self.size, "size")
@@ -51,14 +55,17 @@ class Options:
         
         `numerics` identifies the numerics of this version: versions with the same numerics can resume a run.
         """
-        name, weights, _, working_size, _ = cast("tuple[Any, ...]", self.completer.__reduce__()[1])
+        name, weights, given = cast("tuple[Any, ...]", self.completer.__reduce__()[1])
+        side = given["encoder_side"]
         if isinstance(weights, bytes):
             name = f"sha256:{hashlib.sha256(weights).hexdigest()}"
         return {
             "numerics": golden(),
             "weights": name,
             "fit": self.completer.fit,
-            "working_size": working_size,
+            "working_size": given["working_size"],
+            **({} if side is None else {"encoder_side": side}),
+            **({} if self.device == "cpu" else {"device": self.device}),
             "unit": self.unit,
             "sigma": self.sigma,
             "size": self.size,
@@ -67,6 +74,20 @@ class Options:
             "step": self.step if self.encoding == "u16" else None,
             "standard_deviation": self.standard_deviation,
         }
+
+
+    def on_worker(self) -> Completer:
+        """Returns the completer of a worker: on the GPU that Ray assigned to it, unless the device names one."""
+        if self.device == "cpu":
+            return self.completer
+        assigned = ray.get_runtime_context().get_accelerator_ids().get("GPU", [])
+        device = self.device
+        if device == "wgpu" and assigned:
+            if not assigned[0].isdecimal():
+                what = f"Ray assigned the GPU `{assigned[0]}`, which is not a number"
+                raise SettingsError(what, 'give a device with a number, such as "wgpu:0"')
+            device = f"wgpu:{assigned[0]}"
+        return self.completer.with_device(device)
 
 
 def as_text(record: Any) -> str:

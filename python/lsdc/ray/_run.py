@@ -34,6 +34,7 @@ def run(
     destination: Destination,
     *,
     num_cpus: int = 1,
+    num_gpus: float = 0,
     concurrency: int | None = None,
     progress: Callable[[dict[str, Any]], None] = lambda summary: None,
 ) -> None:
@@ -45,7 +46,10 @@ def run(
     # Objects of this process, which outlive the nodes that work on them.
     tasks = ray.data.from_items([asdict(shard) for shard in shards], override_num_blocks=min(len(shards), TASKS))
     # Start all actors at once instead of one by one.
-    room = int(ray.cluster_resources().get("CPU", 1)) // num_cpus
+    resources = ray.cluster_resources()
+    room = int(resources.get("CPU", 1)) // num_cpus
+    if num_gpus:
+        room = min(room, int(resources.get("GPU", 0) / num_gpus))
     finished = tasks.map_batches(
         _Worker,
         fn_constructor_args=(source, options, destination),
@@ -53,6 +57,7 @@ def run(
         batch_format="numpy",
         compute=actors(concurrency, initial=max(1, min(room, len(shards)))),
         num_cpus=num_cpus,
+        num_gpus=num_gpus or None,
     )
     for row in finished.iter_rows():
         progress(json.loads(row["summary"]))
@@ -63,6 +68,7 @@ class _Worker:
 
     def __init__(self, source: Source, options: Options, destination: Destination) -> None:
         self._source, self._options, self._destination = source, options, destination
+        self._completer = options.on_worker()
 
     def __call__(self, batch: dict[str, Any]) -> dict[str, list[str]]:
         shard = Shard(str(batch["name"][0]), int(batch["frames"][0]), str(batch["reference"][0]))
@@ -86,7 +92,7 @@ class _Worker:
             for frame in self._source.frames(json.loads(shard.reference)):
                 reason = attempts.begin(frame.key)
                 if reason is None:
-                    yield completed(frame, self._options.completer, self._options)
+                    yield completed(frame, self._completer, self._options)
                 else:
                     yield failed(frame.key, reason)
                 count += 1

@@ -107,8 +107,8 @@ def cluster():
         head_node_args={**common, "num_cpus": 0, "include_dashboard": False},
     )
     try:
-        for _ in range(3):
-            made.add_node(num_cpus=1, **common)
+        for number in range(3):
+            made.add_node(num_cpus=1, num_gpus=int(number == 0), **common)
         ray.init(address=made.address, log_to_driver=False, logging_level="error")
         made.wait_for_nodes()
         yield made

@@ -32,6 +32,15 @@ pub(in crate::cli) struct FitFlags {
     /// twice the time and memory).
     #[arg(long, value_parser = quality(), default_value = "standard", help_heading = "Fit", hide_short_help = true)]
     pub(in crate::cli) quality: Quality,
+    /// Size of the image that the pretrained encoder of the weights reads: the shorter side of one of 4:3 with as many pixels,
+    /// from 252 to 518 [default: 336].
+    #[arg(
+        long,
+        value_name = "PIXELS",
+        help_heading = "Network",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) encoder_side: Option<usize>,
 }
 
 impl FitFlags {
@@ -45,6 +54,7 @@ impl FitFlags {
             ("`--robust`", robust),
             ("`--prior`", self.prior.is_some()),
             ("`--quality`", self.quality != Quality::Standard),
+            ("`--encoder-side`", self.encoder_side.is_some()),
         ];
         let given = flags.into_iter().filter(|(_, given)| *given);
         given.map(|(name, _)| name)

@@ -33,6 +33,8 @@ struct Setting {
     /// If it is not the standard one.
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    encoder_side: Option<usize>,
 }
 
 /// Times of a completion.
@@ -146,6 +148,7 @@ fn setting(args: &Bench, size: Size) -> Setting {
         height: size.height,
         runs: args.runs,
         quality: (quality != Quality::Standard).then_some(quality),
+        encoder_side: args.fit.encoder_side,
     }
 }
 
@@ -157,7 +160,7 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
     let mut settings = *completer.fit_config();
     args.fit.apply(&mut settings);
     let completer = completer.with_fit(settings);
-    let mut completer = at_quality(&completer, args.fit.quality, weights)?;
+    let mut completer = at_quality(&completer, args.fit.quality, args.fit.encoder_side, weights)?;
     if args.full {
         completer = completer.with_working_size(size.height, size.width)?;
     }
@@ -264,8 +267,10 @@ fn is_given(settings: &Settings) -> bool {
 fn work(setting: &Setting, what: &str) -> String {
     let quality = setting.quality.map(Quality::name);
     let quality = quality.map_or(String::new(), |name| format!(", quality {name}"));
+    let side = setting.encoder_side;
+    let side = side.map_or(String::new(), |side| format!(", encoder side {side}"));
     format!(
-        "machine   {}, {} threads, {}\nwork      {}x{}, {what}{quality}, median of {} runs",
+        "machine   {}, {} threads, {}\nwork      {}x{}, {what}{quality}{side}, median of {} runs",
         setting.device,
         setting.threads,
         setting.instructions,

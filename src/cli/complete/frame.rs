@@ -85,6 +85,7 @@ pub(super) struct Completed {
     /// The map before, if pixels were left empty.
     filled: Option<DepthMap>,
     pub(super) quality: Quality,
+    pub(super) encoder_side: Option<usize>,
     /// The network that predicted the guide, if one did.
     pub(super) guide: Option<String>,
     /// Time of its prediction.
@@ -164,7 +165,12 @@ impl<'a> Engine<'a> {
                     .hint("leave it out, or fit with `--fit joint` or `--fit lse`"));
                 }
                 let completer = completer.with_fit(fit);
-                let completer = at_quality(&completer, settings.quality, weights.as_deref())?;
+                let completer = at_quality(
+                    &completer,
+                    settings.quality,
+                    settings.encoder_side,
+                    weights.as_deref(),
+                )?;
                 Loaded::Trained(Box::new(completer))
             }
         };
@@ -174,7 +180,7 @@ impl<'a> Engine<'a> {
             settings,
             method,
             monocular,
-            own_guide: own.as_ref().map(name_of_own_guide),
+            own_guide: own.as_deref().map(name_of_own_guide),
             explains: told || in_files || settings.outliers,
             counts_outliers: in_files || settings.json,
         })
@@ -270,6 +276,7 @@ impl<'a> Engine<'a> {
             left_empty,
             filled,
             quality: self.settings.quality,
+            encoder_side: self.settings.encoder_side,
             guide: match &self.monocular {
                 Some(network) => Some(network.to_string()),
                 None => self.own_guide.clone().filter(|_| is_guided),

@@ -64,6 +64,9 @@ impl Summary {
         if let Some(quality) = self.quality {
             lines.push(format!("quality   {}", quality.name()));
         }
+        if let Some(side) = self.encoder_side {
+            lines.push(format!("encoder   reads {side} pixels"));
+        }
         if let Some(fit) = &self.fit {
             lines.extend(of_fit(fit, self.guide.as_deref()));
         }

@@ -257,7 +257,7 @@ impl<'a> Decisive<'a> {
             Some(network) => Some(network.made_from()),
             None if settings.method == Method::Lsdc => {
                 let own = own_guide(path, &settings.model.device, guide)?;
-                own.map(|own| Value::from(own.hash))
+                own.map(Value::from)
             }
             None => None,
         };

@@ -46,6 +46,8 @@ pub(super) struct Settings {
     fit: Changes,
     #[serde(skip_serializing_if = "is_default")]
     pub(super) quality: Quality,
+    #[serde(skip_serializing_if = "is_default")]
+    pub(super) encoder_side: Option<usize>,
     pub(super) full: bool,
     pub(super) size: Option<Size>,
     pub(super) temporal: bool,
@@ -223,6 +225,7 @@ impl Settings {
             model,
             fit: fit.changes(),
             quality: fit.quality,
+            encoder_side: fit.encoder_side,
             full,
             size,
             temporal,

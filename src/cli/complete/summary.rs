@@ -38,6 +38,9 @@ pub(super) struct Summary {
     /// If it is not the standard one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) quality: Option<Quality>,
+    /// If it was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) encoder_side: Option<usize>,
     /// The network that predicted the guide, the shorter side of its image, its head if it is the published one, and the
     /// hash of its tensors.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -162,6 +165,7 @@ impl Summary {
             cloud: format_data.cloud.as_ref().map(DescribedCloud::from),
             exported: format_data.exported.as_ref().map(Exported::counts),
             quality: (found.quality != Quality::Standard).then_some(found.quality),
+            encoder_side: found.encoder_side,
             guide: found.guide.clone(),
             fit: fit.map(|fit| {
                 DescribedFit::new(

@@ -2,10 +2,8 @@
 
 use crate::cli::{install, ui};
 use lsdc_core::Completer;
-use lsdc_core::network::EncoderConfig;
-use lsdc_files::error::{Error, Result};
-use lsdc_gpu::{Adapter, Gpu, GpuNetwork, Pretrained, supports};
-use lsdc_weights::{installed, installed_head, names_no_network, open_weights};
+use lsdc_files::error::Result;
+use lsdc_weights::{gpu_network, names_no_network, open_weights};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -23,28 +21,13 @@ pub(super) fn open_completer(
         return Ok(None);
     }
     let weights = open_weights(weights)?;
-    if !supports(&weights.network) {
+    let Some(network) = gpu_network(&weights, name, guided)? else {
         return Ok(None);
-    }
-    let gpu = name.parse::<Adapter>().and_then(Gpu::shared);
-    let gpu = gpu.map_err(|error| {
-        let hint = error.hint();
-        Error::device(error.to_string()).hint(hint)
-    })?;
-    let network = if weights.network.extractor.encoder > 0 {
-        let head = if guided { installed_head()? } else { None };
-        if guided && head.is_none() {
-            ui::say(install::UNGUIDED);
-        }
-        let encoder = Pretrained {
-            config: EncoderConfig::small(),
-            encoder: &installed()?,
-            head: head.as_ref(),
-        };
-        GpuNetwork::with_encoder(&weights, &encoder, &gpu)?
-    } else {
-        GpuNetwork::new(&weights, &gpu)?
     };
     let builder = Completer::builder(&weights).network(Arc::new(network));
-    Ok(Some(builder.build()?))
+    let completer = builder.build()?;
+    if guided && weights.network.extractor.encoder > 0 && !completer.has_depth_head() {
+        ui::say(install::UNGUIDED);
+    }
+    Ok(Some(completer))
 }

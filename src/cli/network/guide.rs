@@ -5,9 +5,7 @@ use crate::cli::{install, ui};
 use lsdc_core::Completer;
 use lsdc_eval::predict::{GuideSpec, MonocularGuide, MonocularSpec};
 use lsdc_files::error::Result;
-use lsdc_weights::{
-    InstalledDepthAnything, ResizeLayer, guided_by_head, head_of, names_no_network, open_weights,
-};
+use lsdc_weights::{ResizeLayer, guided_by_head, head_hash, names_no_network, open_weights};
 use std::path::Path;
 
 /// Opens weights by name on a device, with scenes that the depth head of their encoder guides unless `--guide` is given.
@@ -28,23 +26,23 @@ pub(in crate::cli) fn open_guided_completer(
     Ok(completer)
 }
 
-/// The depth head that guides the completer of [`open_guided_completer`], if one does.
+/// The hash of the depth head that guides the completer of [`open_guided_completer`], if one does.
 pub(in crate::cli) fn own_guide(
     weights: Option<&Path>,
     device: &str,
     guide: Option<&GuideSpec>,
-) -> Result<Option<InstalledDepthAnything>> {
+) -> Result<Option<String>> {
     // burn's tensors are not read back.
     let predicts = device == "cpu" || device.starts_with("wgpu");
     if guide.is_some() || !predicts || names_no_network(weights) {
         return Ok(None);
     }
-    head_of(&open_weights(weights)?.network)
+    head_hash(&open_weights(weights)?.network)
 }
 
 /// Name of this guide in reports.
-pub(in crate::cli) fn named(own: &InstalledDepthAnything) -> String {
-    format!("depth head of the weights' encoder, {}", own.hash)
+pub(in crate::cli) fn named(hash: &str) -> String {
+    format!("depth head of the weights' encoder, {hash}")
 }
 
 /// Opens the network that `--guide` names, if it names one, and prints how its guides differ from those that were

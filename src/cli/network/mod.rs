@@ -14,9 +14,9 @@ use lsdc_files::error::Result;
 use std::path::Path;
 
 #[cfg(not(feature = "train"))]
-use prepared::open_completer as open_without_kernels;
+use prepared::open_completer as open_on_cpu_or_burn;
 #[cfg(feature = "train")]
-use trainable::open_completer as open_without_kernels;
+use trainable::open_completer as open_on_cpu_or_burn;
 
 pub(super) use guide::{named as name_of_own_guide, open_guide, open_guided_completer, own_guide};
 #[cfg(not(feature = "train"))]
@@ -37,5 +37,5 @@ pub(super) fn open_completer(
     if let Some(completer) = gpu::open_completer(weights, device, guided)? {
         return Ok(completer);
     }
-    open_without_kernels(weights, device)
+    open_on_cpu_or_burn(weights, device)
 }

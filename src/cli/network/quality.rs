@@ -1,17 +1,19 @@
-//! The quality that `--quality` names.
+//! The work per completion that `--quality` and `--encoder-side` name.
 
-use lsdc_core::{Completer, Quality};
+use crate::cli::ui;
+use lsdc_core::{Completer, DepthAnything, Quality};
 use lsdc_files::error::{Error, Result};
 use lsdc_weights::names_no_network;
 use std::path::Path;
 
-/// The completer of these weights at a quality.
+/// The completer of these weights at a quality, whose encoder reads images of this size.
 ///
 /// # Errors
-/// More work that would change nothing.
+/// More work that would change nothing, and sizes out of range.
 pub(in crate::cli) fn at_quality(
     completer: &Completer,
     quality: Quality,
+    encoder_side: Option<usize>,
     weights: Option<&Path>,
 ) -> Result<Completer> {
     if quality == Quality::Best && names_no_network(weights) {
@@ -20,5 +22,16 @@ pub(in crate::cli) fn at_quality(
         )
         .hint("leave it out, or give other `--weights`"));
     }
-    Ok(completer.with_quality(quality))
+    let completer = completer.with_quality(quality);
+    let Some(side) = encoder_side else {
+        return Ok(completer);
+    };
+    let completer = completer.with_encoder_side(side)?;
+    if side != DepthAnything::SHORT_SIDE {
+        ui::say(&format!(
+            "--encoder-side {side}: standard deviations were learned with {}",
+            DepthAnything::SHORT_SIDE
+        ));
+    }
+    Ok(completer)
 }

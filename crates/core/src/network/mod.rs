@@ -28,8 +28,9 @@ pub use config::{
     StageConfig,
 };
 pub use encoder::{
-    BlockWeights, DEPTH_HEAD, DepthHead, Encoder, EncoderConfig, EncoderWeights, FeatureMap,
-    Features, HeadLayers, LAYER_EPSILON, NormWeights, PATCH, TokenLayer, in_patches, positions,
+    BlockWeights, DEPTH_HEAD, DepthHead, Encoder, EncoderConfig, EncoderSide, EncoderWeights,
+    FeatureMap, Features, HeadLayers, LAYER_EPSILON, NormWeights, PATCH, TokenLayer, in_patches,
+    positions,
 };
 pub use encoding::{channels, codes};
 pub use executor::{Executor, HeadExecutor, Prepare};
@@ -62,6 +63,16 @@ pub trait Network: Debug + Send + Sync {
 
     /// The sizes of the pretrained encoder, if the network uses one.
     fn published_encoder(&self) -> Option<&EncoderConfig> {
+        None
+    }
+
+    /// Whether the network's device also runs the depth head of the encoder (see [`Forward::published_depths`]).
+    fn has_depth_head(&self) -> bool {
+        false
+    }
+
+    /// The same network whose encoder reads images of another size; `None` without an encoder, and if the device has no choice.
+    fn with_encoder_side(&self, _side: EncoderSide) -> Option<Arc<dyn Network>> {
         None
     }
 
@@ -102,7 +113,10 @@ pub trait Basis: Debug + Send + Sync {
 
 /// A trained network, prepared for one instruction set of the CPU. Clones share weights and memory.
 #[derive(Clone, Debug)]
-pub struct CpuNetwork(Arc<Inner>);
+pub struct CpuNetwork {
+    inner: Arc<Inner>,
+    encoder_side: EncoderSide,
+}
 
 #[derive(Debug)]
 struct Inner {
@@ -140,36 +154,48 @@ impl CpuNetwork {
             workspace: Workspace::default(),
         };
         tensors.check_all_used()?;
-        Ok(Self(Arc::new(inner)))
+        Ok(Self {
+            inner: Arc::new(inner),
+            encoder_side: EncoderSide::default(),
+        })
     }
 }
 
 impl Network for CpuNetwork {
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
-        let pool = &self.0.workspace.pool;
+        let pool = &self.inner.workspace.pool;
         let encode = |encoder: &Arc<Encoder>| -> Result<Arc<Map>, Error> {
             let channels = encoder.config().channels();
             let FeatureMap {
                 rows,
                 columns,
                 values,
-            } = encoder.encode(image, size)?;
+            } = encoder.encode(image, size, self.encoder_side)?;
             Ok(Arc::new(pool.copy(&values, rows, columns, channels)))
         };
         Ok(Box::new(CpuForward {
-            encoded: self.0.encoder.as_ref().map(encode).transpose()?,
+            encoded: self.inner.encoder.as_ref().map(encode).transpose()?,
             image: Arc::new(pool.copy(image, size.0, size.1, 3)),
             network: self.clone(),
         }))
     }
 
     fn published_encoder(&self) -> Option<&EncoderConfig> {
-        self.0.encoder.as_ref().map(|encoder| encoder.config())
+        self.inner.encoder.as_ref().map(|encoder| encoder.config())
+    }
+
+    fn with_encoder_side(&self, encoder_side: EncoderSide) -> Option<Arc<dyn Network>> {
+        self.inner.encoder.as_ref()?;
+        let inner = self.inner.clone();
+        Some(Arc::new(Self {
+            inner,
+            encoder_side,
+        }))
     }
 
     fn release(&self) {
-        self.0.workspace.clear();
-        if let Some(encoder) = &self.0.encoder {
+        self.inner.workspace.clear();
+        if let Some(encoder) = &self.inner.encoder {
             encoder.release();
         }
     }
@@ -185,7 +211,7 @@ struct CpuForward {
 
 impl Forward for CpuForward {
     fn basis(&self) -> Box<dyn Basis> {
-        let inner = &*self.network.0;
+        let inner = &*self.network.inner;
         // Run on a thread of the pool, to avoid waking and waiting for the pool in each of about sixty layers.
         let input = rayon::scope(|_| {
             let (image, encoded) = (&self.image, self.encoded.as_ref());
@@ -199,7 +225,7 @@ impl Forward for CpuForward {
     }
 
     fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
-        let inner = &*self.network.0;
+        let inner = &*self.network.inner;
         let size = (self.image.height, self.image.width);
         let changes = rayon::scope(|_| {
             let encoded = self.encoded.as_ref();
@@ -231,14 +257,14 @@ impl Basis for CpuBasis {
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         let Inner {
             head, workspace, ..
-        } = &*self.network.0;
+        } = &*self.network.inner;
         head.at(&self.input, size, places, &workspace.scratch)
     }
 
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         let Inner {
             head, workspace, ..
-        } = &*self.network.0;
+        } = &*self.network.inner;
         head.combine(&self.input, size, weights, &workspace.scratch)
     }
 }

@@ -2,7 +2,9 @@
 
 use super::{Bases, BasisNet, VisionTransformer};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{Basis, Encoder, FeatureMap, Forward, Network, PATCH, in_patches};
+use lsdc_core::network::{
+    Basis, Encoder, EncoderSide, FeatureMap, Forward, Network, PATCH, in_patches,
+};
 use lsdc_core::{Error, Result, WeightsError};
 use std::sync::Arc;
 
@@ -39,11 +41,12 @@ impl OnDevice {
         }
         Ok(Some(match &self.encoder {
             None => return Err(WeightsError::NoEncoder.into()),
-            Some(AnyEncoder::Prepared(encoder)) => {
-                encoded_tensor(&[&encoder.encode(image, size)?], &self.device)
-            }
+            Some(AnyEncoder::Prepared(encoder)) => encoded_tensor(
+                &[&encoder.encode(image, size, EncoderSide::default())?],
+                &self.device,
+            ),
             Some(AnyEncoder::OnDevice(transformer)) => {
-                let (image, (rows, columns)) = in_patches(image, size)?;
+                let (image, (rows, columns)) = in_patches(image, size, EncoderSide::default())?;
                 let shape = [1, rows * PATCH, columns * PATCH, 3];
                 let image = Tensor::from_data(TensorData::new(image, shape), &self.device);
                 transformer.forward(image)

@@ -6,7 +6,7 @@ use super::{
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{CpuNetwork, Encoder, Forward, Network as _};
+use lsdc_core::network::{CpuNetwork, Encoder, EncoderSide, Forward, Network as _};
 use lsdc_core::network::{ExtractorConfig, NetworkConfig, NormKind, StageConfig};
 use lsdc_core::weights::Normalisation;
 use lsdc_kernels::simd::Level;
@@ -35,7 +35,7 @@ fn net(config: &NetworkConfig) -> BasisNet {
     let pixels = vec![(0..40 * 56).collect()];
     let encoded = (config.extractor.encoder > 0).then(|| {
         let encoded = random_encoder()
-            .encode(&self::image(40, 56), (40, 56))
+            .encode(&self::image(40, 56), (40, 56), EncoderSide::default())
             .unwrap();
         encoded_tensor(&[&encoded], &device)
     });

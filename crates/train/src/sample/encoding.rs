@@ -2,7 +2,7 @@
 
 use super::{F16Cache, image_values};
 use image::RgbImage;
-use lsdc_core::network::{Encoder, FeatureMap};
+use lsdc_core::network::{Encoder, EncoderSide, FeatureMap};
 use lsdc_core::weights::Normalisation;
 use lsdc_files::error::Result;
 use lsdc_rng::hash;
@@ -38,11 +38,14 @@ impl Encoding {
     /// A file cannot be written, or the image has no pixels.
     pub fn of(&self, rgb: &RgbImage) -> Result<FeatureMap> {
         let size = (rgb.height() as usize, rgb.width() as usize);
-        let (rows, columns) = FeatureMap::size(size);
+        let (rows, columns) = EncoderSide::default().patches(size);
         let length = rows * columns * self.encoder.config().channels();
         let values = self.cache.get(self.key(rgb), length, || {
             let image = image_values(rgb, self.normalisation);
-            Ok(self.encoder.encode(&image, size)?.values)
+            Ok(self
+                .encoder
+                .encode(&image, size, EncoderSide::default())?
+                .values)
         })?;
         Ok(FeatureMap {
             rows,

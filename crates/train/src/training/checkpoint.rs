@@ -102,7 +102,8 @@ impl Checkpoints {
             learner.average = Some((filled(net, AVERAGE)?, decay));
         }
         let path = self.path(step).join(OPTIMISER);
-        if !path.exists() {
+        // The file of earlier versions.
+        if path.with_extension("bpk").exists() && !path.exists() {
             return Err(Error::weights(format!(
                 "checkpoint `{}` is of an earlier version, with another optimiser",
                 self.path(step).display()
@@ -147,5 +148,10 @@ mod tests {
         };
         assert!(error.to_string().contains("earlier version"), "{error}");
         assert!(error.advice().unwrap().contains("train.start"));
+        std::fs::remove_file(state.with_extension("bpk")).unwrap();
+        let Err(error) = checkpoints.load(3, learner()) else {
+            panic!("a missing state was read");
+        };
+        assert!(error.to_string().contains("cannot read"), "{error}");
     }
 }

@@ -18,7 +18,7 @@ use crate::tensor::Tensor;
 use block::{Block, tokens_per_task};
 pub use config::{EncoderConfig, LAYER_EPSILON, PATCH};
 pub use depth_head::{DEPTH_HEAD, DepthHead, HeadLayers};
-pub use feature_map::{FeatureMap, in_patches};
+pub use feature_map::{EncoderSide, FeatureMap, in_patches};
 use lsdc_kernels::attention::layer_norm;
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 pub use position::positions;

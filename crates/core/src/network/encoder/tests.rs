@@ -108,13 +108,35 @@ fn what_is_no_image_or_no_encoder_is_refused() {
 }
 
 #[test]
+fn images_of_any_aspect_have_as_many_patches_as_one_of_4_to_3_with_the_side() {
+    let patches = |side: usize, size: (usize, usize)| EncoderSide::new(side).unwrap().patches(size);
+    assert_eq!(EncoderSide::default(), EncoderSide::new(336).unwrap());
+    for (side, size, expected) in [
+        (252, (480, 640), (18, 24)),
+        (336, (480, 640), (24, 32)),
+        (518, (480, 640), (37, 49)),
+        (518, (640, 480), (49, 37)),
+        // sqrt(768 / 3.312) and sqrt(768 * 3.312).
+        (336, (375, 1242), (15, 50)),
+        (518, (1, 100_000), (1, 1825)),
+    ] {
+        assert_eq!(patches(side, size), expected, "{side} {size:?}");
+    }
+    for side in [0, 251, 519, usize::MAX] {
+        assert!(EncoderSide::new(side).is_err());
+    }
+}
+
+#[test]
 fn a_map_of_features_is_separated_into_its_taps() {
     let encoder = Encoder::new(tiny(), &weights(), Level::here()).unwrap();
     // An image at the size of the encoder's input, so that it is not resized.
-    let (rows, columns) = FeatureMap::size((336, 448));
+    let (rows, columns) = EncoderSide::default().patches((336, 448));
     let size = (rows * PATCH, columns * PATCH);
     let image = image(size.0, size.1);
-    let map = encoder.encode(&image, size).unwrap();
+    let map = encoder
+        .encode(&image, size, EncoderSide::default())
+        .unwrap();
     let found = Features::separated(&map.values, (map.rows, map.columns), 2);
     let expected = encoder.features(&image, size).unwrap();
     assert_eq!((found.rows, found.columns), (rows, columns));

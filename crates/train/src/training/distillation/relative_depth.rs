@@ -1,5 +1,6 @@
 //! Depths of a photograph from its relative inverse depth, with unknown scale and shift.
 
+use lsdc_core::sky::InverseDepthScale;
 use lsdc_rng::Rng;
 
 /// Depths up to scale, with their standard deviations.
@@ -19,10 +20,6 @@ impl RelativeDepths {
     }
 }
 
-/// Largest inverse depth of sky, relative to the nearest (their 95th percentile).
-const SKY: f32 = 0.01;
-/// Smallest share of sky pixels of an image with sky.
-const SKY_AREA: f32 = 0.02;
 /// Shift of images with sky, relative to the nearest inverse depths: the median of 74 outdoor laser scans.
 const SHIFT_OUTDOORS: f32 = 0.035;
 /// Range of the shifts of other images: nine of ten of 31 rooms of NYU have at least 0.2, half of them 0.43. The shifts between
@@ -31,21 +28,12 @@ const SHIFTS: [f32; 2] = [0.05, 0.6];
 /// Standard deviation of inverse depths, relative to the nearest.
 const DEVIATION: f32 = 0.02;
 
-/// Returns depths 1 / (inverse + shift), in units of the nearest. Depth Anything V2 was trained with a loss that does not
-/// depend on the shift of inverse depth, but with infinity at 0 (Yang et al. 2024).
+/// Returns depths 1 / (inverse + shift), in units of the nearest.
 pub(super) fn relative_depths(inverse: &[f32], rng: &mut Rng) -> RelativeDepths {
-    let mut sorted = inverse.to_vec();
-    sorted.sort_unstable_by(f32::total_cmp);
-    // Excludes points at infinity: there may be little below a wide sky.
-    let finite = sorted.partition_point(|value| *value <= 0.0);
-    let nearest = sorted.get(finite + (sorted.len() - finite) * 95 / 100);
-    let Some(&nearest) = nearest else {
+    let Some(scale) = InverseDepthScale::of(inverse) else {
         return RelativeDepths::none(inverse.len());
     };
-    let is_sky = |value: f32| value < SKY * nearest;
-    let sky = sorted.iter().take_while(|value| is_sky(**value)).count();
-    let has_sky = sky as f32 > SKY_AREA * inverse.len() as f32;
-    let shift = if has_sky {
+    let shift = if scale.has_sky {
         SHIFT_OUTDOORS
     } else {
         let [least, most] = SHIFTS.map(f32::ln);
@@ -54,10 +42,10 @@ pub(super) fn relative_depths(inverse: &[f32], rng: &mut Rng) -> RelativeDepths 
     let depths: Vec<f32> = inverse
         .iter()
         .map(|&value| {
-            if has_sky && is_sky(value) {
+            if scale.is_sky(value) {
                 0.0
             } else {
-                (value / nearest + shift).recip()
+                (value / scale.nearest + shift).recip()
             }
         })
         .collect();
