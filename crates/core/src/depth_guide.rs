@@ -50,8 +50,14 @@ struct Inner {
     functions: Vec<f32>,
     count: usize,
     missing: usize,
-    /// Whether each pixel shows sky; empty if that is unknown, or if there is no sky.
-    sky: Vec<bool>,
+    sky: Option<Sky>,
+}
+
+/// Relative inverse depths of an image that shows sky.
+#[derive(Debug)]
+struct Sky {
+    scale: InverseDepthScale,
+    inverse: Vec<f32>,
 }
 
 /// Frequencies along x and y of the cosines that multiply the first function.
@@ -70,7 +76,7 @@ impl DepthGuide {
     /// # Errors
     /// The number of values is not `width * height`, the guide is empty, or all of its values are missing or equal.
     pub fn new(kind: GuideKind, width: usize, height: usize, values: &[f32]) -> Result<Self> {
-        Self::made(kind, (width, height), values, Vec::new())
+        Self::made(kind, (width, height), values, None)
     }
 
     /// A guide of relative inverse depths with infinity at 0, as predicted by Depth Anything: it knows where sky is.
@@ -80,16 +86,18 @@ impl DepthGuide {
     #[doc(hidden)]
     pub fn with_sky(width: usize, height: usize, inverse: &[f32]) -> Result<Self> {
         let scale = InverseDepthScale::of(inverse).filter(|scale| scale.has_sky);
-        let sky = scale.map(|scale| inverse.iter().map(|v| scale.is_sky(*v)).collect());
-        let size = (width, height);
-        Self::made(GuideKind::Disparity, size, inverse, sky.unwrap_or_default())
+        let sky = scale.map(|scale| Sky {
+            scale,
+            inverse: inverse.to_vec(),
+        });
+        Self::made(GuideKind::Disparity, (width, height), inverse, sky)
     }
 
     fn made(
         kind: GuideKind,
         (width, height): (usize, usize),
         values: &[f32],
-        sky: Vec<bool>,
+        sky: Option<Sky>,
     ) -> Result<Self> {
         check_length(width, height, values.len())?;
         let usable = |v: f32| v.is_finite() && (kind != GuideKind::Depth || v > 0.0);
@@ -112,26 +120,24 @@ impl DepthGuide {
         })))
     }
 
-    /// Whether the guide knows of sky.
-    pub(crate) fn has_sky(&self) -> bool {
-        !self.0.sky.is_empty()
+    /// The scale of relative inverse depths, if they show sky.
+    pub(crate) fn scale_with_sky(&self) -> Option<InverseDepthScale> {
+        self.0.sky.as_ref().map(|sky| sky.scale)
     }
 
-    /// Whether the guide shows sky at a position (u, v) of an image of `size` (height, width).
-    pub(crate) fn is_sky(&self, size: (usize, usize), place: [f64; 2]) -> bool {
+    /// The relative inverse depth at the pixel nearest to a position (u, v) of an image of `size` (height, width), if the guide
+    /// shows sky.
+    pub(crate) fn inverse_at(&self, size: (usize, usize), place: [f64; 2]) -> Option<f32> {
         let Inner {
             height, width, sky, ..
         } = &*self.0;
+        // Saturates at the borders.
         let pixel = |at: f64, length: usize, own: usize| {
-            let nearest = (at + 0.5) * own as f64 / length as f64;
-            // Saturates at the borders.
-            (nearest as usize).min(own - 1)
+            (((at + 0.5) * own as f64 / length as f64) as usize).min(own - 1)
         };
-        let (x, y) = (
-            pixel(place[0], size.1, *width),
-            pixel(place[1], size.0, *height),
-        );
-        sky.get(y * width + x).is_some_and(|sky| *sky)
+        let x = pixel(place[0], size.1, *width);
+        let y = pixel(place[1], size.0, *height);
+        sky.as_ref().map(|sky| sky.inverse[y * width + x])
     }
 
     /// Number of columns.
@@ -165,7 +171,10 @@ impl DepthGuide {
             functions: mirrored(functions, width, count),
             count,
             missing,
-            sky: mirrored(sky, width, 1),
+            sky: sky.as_ref().map(|sky| Sky {
+                scale: sky.scale,
+                inverse: mirrored(&sky.inverse, width, 1),
+            }),
         }))
     }
 

@@ -281,9 +281,9 @@ impl Scene {
         self.0.guided_affinities.get()
     }
 
-    /// The guide, if it shows sky.
-    pub(crate) fn guide_with_sky(&self) -> Option<&DepthGuide> {
-        self.0.depth_guide.as_ref().filter(|guide| guide.has_sky())
+    /// The guide.
+    pub(crate) fn guide(&self) -> Option<&DepthGuide> {
+        self.0.depth_guide.as_ref()
     }
 
     pub(crate) fn size(&self) -> (usize, usize) {

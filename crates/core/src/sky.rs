@@ -1,9 +1,17 @@
 //! Sky in the relative inverse depths that Depth Anything predicts from an image.
 
+use crate::fit::median;
+
 /// Largest inverse depth of sky, relative to the nearest.
 const SKY: f32 = 0.01;
 /// Smallest share of sky pixels of an image with sky.
 const SKY_AREA: f32 = 0.02;
+
+/// Largest shift of inverse depths, relative to the nearest, at which 0 is taken for infinity. Medians of laser scans outdoors are
+/// 0.02 to 0.04, that of rooms is 0.43: there, 0 is the far end of the room, or a mirror.
+const LARGEST_SHIFT: f64 = 0.1;
+/// Fewest points that tell the shift.
+const FEWEST_POINTS: usize = 6;
 
 /// The scale of the relative inverse depths of an image, and whether it shows sky. Depth Anything V2 was trained with a loss
 /// that does not depend on the shift of inverse depths, but with infinity at 0 (Yang et al. 2024).
@@ -35,6 +43,24 @@ impl InverseDepthScale {
     pub fn is_sky(&self, inverse: f32) -> bool {
         self.has_sky && inverse < SKY * self.nearest
     }
+
+    /// Whether 0 is at infinity by points with these (relative, measured) inverse depths, or they are too few to tell. The line
+    /// through the medians of the farther and the nearer half (Wald 1940) resists outliers.
+    pub fn has_infinity(&self, mut points: Vec<(f32, f64)>) -> bool {
+        if points.len() < FEWEST_POINTS {
+            return true;
+        }
+        points.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let (far, near) = points.split_at(points.len() / 2);
+        let [(far, least), (near, most)] = [far, near].map(|half| {
+            let middle = median(half.iter().map(|(relative, _)| f64::from(*relative)));
+            (middle, median(half.iter().map(|(_, measured)| *measured)))
+        });
+        let slope = (most - least) / (near - far);
+        let shift = (least - slope * far) / (slope * f64::from(self.nearest));
+        // Not if the points do not differ in relative depth.
+        near == far || (slope > 0.0 && shift < LARGEST_SHIFT)
+    }
 }
 
 #[cfg(test)]
@@ -53,5 +79,32 @@ mod tests {
         let scale = InverseDepthScale::of(&inverse).unwrap();
         assert!(scale.has_sky && scale.is_sky(0.92) && !scale.is_sky(0.94));
         assert_eq!(InverseDepthScale::of(&[0.0; 9]), None);
+    }
+
+    #[test]
+    fn points_tell_whether_0_is_at_infinity() {
+        let scale = InverseDepthScale {
+            nearest: 5.0,
+            has_sky: true,
+        };
+        // Inverse depths 0.02 (g + 5 s), and an outlier in each half.
+        let points = |shift: f64, count: u8| {
+            let point = |i: u8| {
+                (
+                    f32::from(i) / 10.0,
+                    0.02 * (f64::from(i) / 10.0 + 5.0 * shift),
+                )
+            };
+            let mut points: Vec<_> = (0..count).map(point).collect();
+            (points[1].1, points[usize::from(count) - 1].1) = (9.0, 1e-9);
+            points
+        };
+        assert!(scale.has_infinity(points(0.03, 50)) && scale.has_infinity(points(0.07, 50)));
+        assert!(!scale.has_infinity(points(0.13, 50)) && !scale.has_infinity(points(0.43, 50)));
+        // Too few, all alike, or the wrong way round.
+        assert!(scale.has_infinity(points(0.43, 5)));
+        assert!(scale.has_infinity(vec![(1.0, 0.5); 9]));
+        let reversed = points(0.03, 50).into_iter().map(|(g, y)| (5.0 - g, y));
+        assert!(!scale.has_infinity(reversed.collect()));
     }
 }

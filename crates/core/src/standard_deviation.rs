@@ -58,26 +58,36 @@ impl Completion {
         Ok(values)
     }
 
-    /// Raises standard deviations to the depth where a predicted guide shows sky, whose distance is unknown, except near points
-    /// in the sky: what the guide takes for sky was measured there.
+    /// Raises standard deviations to the depth where a predicted guide shows sky, whose distance is unknown. Not near points in
+    /// the sky, where it was measured, nor if the points say that what the guide takes for sky is not far away.
     fn raise_in_sky(&self, (height, width): (usize, usize), deviations: &mut [f32]) {
         /// In mean distances between points.
         const NEAR: f64 = 2.0;
-        let scene = self.scene();
-        let Some(guide) = scene.guide_with_sky() else {
+        let (scene, usable) = (self.scene(), self.usable());
+        let own = scene.size();
+        let Some((guide, scale)) = scene.guide().and_then(|guide| {
+            let scale = guide.scale_with_sky()?;
+            Some((guide, scale))
+        }) else {
             return;
         };
-        let (own, places) = (scene.size(), &self.usable().places);
-        let measured = places.iter().filter(|place| guide.is_sky(own, **place));
-        let measured = NeighbourGrid::new(&measured.copied().collect::<Vec<_>>());
-        let near = NEAR.powi(2) * (own.0 * own.1) as f64 / places.len().max(1) as f64;
+        let inverse = |place: [f64; 2]| guide.inverse_at(own, place).unwrap_or(f32::INFINITY);
+        let is_sky = |place: [f64; 2]| scale.is_sky(inverse(place));
+        let points = usable.places.iter().zip(&usable.depths);
+        let points = points.map(|(place, depth)| (inverse(*place), f64::from(*depth).recip()));
+        if !scale.has_infinity(points.collect()) {
+            return;
+        }
+        let measured = usable.places.iter().copied().filter(|place| is_sky(*place));
+        let measured = NeighbourGrid::new(&measured.collect::<Vec<_>>());
+        let near = NEAR.powi(2) * (own.0 * own.1) as f64 / usable.places.len().max(1) as f64;
         let (right, down) = (own.1 as f64 / width as f64, own.0 as f64 / height as f64);
         let depth = self.dense((height, width));
         let pixels = deviations.par_iter_mut().zip(depth).enumerate();
         pixels.for_each_init(Vec::new, |nearest, (pixel, (deviation, depth))| {
             let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
             let place = [x * right - 0.5, y * down - 0.5];
-            if !guide.is_sky(own, place) {
+            if !is_sky(place) {
                 return;
             }
             measured.find(place, 1, nearest);
