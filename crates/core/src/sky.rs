@@ -99,7 +99,7 @@ mod tests {
             (points[1].1, points[usize::from(count) - 1].1) = (9.0, 1e-9);
             points
         };
-        assert!(scale.has_infinity(points(0.03, 50)) && scale.has_infinity(points(0.07, 50)));
+        assert!(scale.has_infinity(points(0.03, 50)) && scale.has_infinity(points(0.05, 50)));
         assert!(!scale.has_infinity(points(0.13, 50)) && !scale.has_infinity(points(0.43, 50)));
         // Too few, all alike, or the wrong way round.
         assert!(scale.has_infinity(points(0.43, 5)));
