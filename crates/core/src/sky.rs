@@ -58,7 +58,7 @@ impl InverseDepthScale {
         });
         let slope = (most - least) / (near - far);
         let shift = (least - slope * far) / (slope * f64::from(self.nearest));
-        // Not if the points do not differ in relative depth.
+        // Points at one relative depth do not tell.
         near == far || (slope > 0.0 && shift < LARGEST_SHIFT)
     }
 }
