@@ -7,11 +7,29 @@ import numpy as np
 import pytest
 
 import lsdc
+from lsdc._native import check_device
 
 # The tests of clusters need Ray.
 collect_ignore = [] if find_spec("ray") and find_spec("pyarrow") else ["cluster"]
 
 ROOM = Path(__file__).parents[2] / "assets/room"
+
+
+@pytest.fixture(scope="session")
+def has_gpus():
+    """Whether the package was built with GPUs."""
+    try:
+        check_device("wgpu")
+    except lsdc.SettingsError:
+        return False
+    return True
+
+
+@pytest.fixture(scope="session")
+def gpus(has_gpus):
+    """Skips tests that need a package with GPUs."""
+    if not has_gpus:
+        pytest.skip("the package was built without GPUs")
 
 
 @pytest.fixture(scope="session")

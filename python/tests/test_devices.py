@@ -7,25 +7,13 @@ import numpy as np
 import pytest
 
 import lsdc
-from lsdc._native import check_device
 
 SOFTWARE = "wgpu:software"
 
 
-def has_gpus():
-    """Whether the package was built with GPUs."""
-    try:
-        check_device("wgpu")
-    except lsdc.SettingsError:
-        return False
-    return True
-
-
 @pytest.fixture
-def on_software():
+def on_software(gpus):
     """A completer on the software driver."""
-    if not has_gpus():
-        pytest.skip("the package was built without GPUs")
     try:
         return lsdc.Completer("small", device=SOFTWARE)
     except lsdc.SettingsError as error:
@@ -34,17 +22,15 @@ def on_software():
         pytest.skip(str(error))
 
 
-def test_unknown_devices_are_refused():
-    for name in ("cuda", "wgpu:soft", ""):
-        if name.startswith("wgpu") and not has_gpus():
-            continue
+def test_unknown_devices_are_refused(has_gpus):
+    for name in ("cuda", "", *(["wgpu:soft"] if has_gpus else [])):
         with pytest.raises(lsdc.SettingsError, match=f"unknown device `{name}`") as error:
             lsdc.Completer("small", device=name)
         assert "cpu" in error.value.hint
 
 
-def test_without_gpus_the_hint_says_how_to_get_them():
-    if has_gpus():
+def test_without_gpus_the_hint_says_how_to_get_them(has_gpus):
+    if has_gpus:
         pytest.skip("the package was built with GPUs")
     with pytest.raises(lsdc.SettingsError, match="built without GPUs") as error:
         lsdc.Completer("small", device="wgpu")

@@ -7,19 +7,7 @@ from conftest import KEYS, command, frame, results
 
 import lsdc
 import lsdc.ray
-from lsdc._native import check_device
 from lsdc.ray._options import Options
-
-
-def has_gpus():
-    try:
-        check_device("wgpu")
-    except lsdc.SettingsError:
-        return False
-    return True
-
-
-with_gpus = pytest.mark.skipif(not has_gpus(), reason="the package was built without GPUs")
 
 
 def dataset(count):
@@ -31,15 +19,13 @@ def close(row, expected):
     return row["error"] is None and np.abs(depth - expected.depth).max() < 1e-3 * np.ptp(expected.depth)
 
 
-@with_gpus
-def test_a_dataset(cluster, one_process):
+def test_a_dataset(gpus, cluster, one_process):
     options = {"weights": "small", "encoding": "f32", "concurrency": 1}
     found = lsdc.ray.complete(dataset(3), **options, device="wgpu:software", num_gpus=0.5).take_all()
     assert len(found) == 3 and all(close(row, one_process[row["key"]]) for row in found)
 
 
-@with_gpus
-def test_the_command(cluster, one_process, folder, tmp_path):
+def test_the_command(gpus, cluster, one_process, folder, tmp_path):
     arguments = (folder, tmp_path / "out", "--encoding", "f32", "--per-shard", 4)
     assert command(*arguments, "--device", "wgpu:software", "--gpus", 1) == 0
     found = results(tmp_path / "out")
@@ -48,8 +34,7 @@ def test_the_command(cluster, one_process, folder, tmp_path):
     assert command(*arguments) == 2
 
 
-@with_gpus
-def test_a_worker_takes_the_gpu_that_it_is_assigned(cluster):
+def test_a_worker_takes_the_gpu_that_it_is_assigned(gpus, cluster):
     @ray.remote(num_gpus=1, num_cpus=0)
     def device():
         options = Options(lsdc.Completer("small"), device="wgpu")
