@@ -1,6 +1,6 @@
 // Memory of a completion on a small machine: 640x480 pixels, 500 points, the weights "small", 4 threads. Further images, each
 // freed before the next, need somewhat more because of fragmentation. With its default options, glibc soon keeps large freed blocks
-// in the heaps of its threads: one run of a hundred then needs 150 MB, depending on which thread did what. So this program sets
+// in the heaps of its threads: one run of fifty then needs about 150 MB, depending on which thread did what. So this program sets
 // the option that the README advises.
 
 #include "check.h"
