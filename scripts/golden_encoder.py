@@ -17,6 +17,7 @@ import tempfile
 from pathlib import Path
 
 import torch
+from depth_anything import encoder_names, head_names
 from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config, Dinov2Model
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -68,24 +69,8 @@ def model(tensors: dict[str, torch.Tensor]) -> Dinov2Model:
     config = Dinov2Config(hidden_size=WIDTH, num_attention_heads=HEADS, num_hidden_layers=BLOCKS,
                           mlp_ratio=RATIO, image_size=SIDE * PATCH, patch_size=PATCH)
     net = Dinov2Model(config).eval()
-    theirs = {}
-    for name, value in tensors.items():
-        name = name.replace("cls_token", "embeddings.cls_token").replace(
-            "pos_embed", "embeddings.position_embeddings").replace(
-            "patch_embed.proj", "embeddings.patch_embeddings.projection")
-        if name.startswith("blocks."):
-            name = "encoder.layer." + name.removeprefix("blocks.")
-        name = name.replace("attn.proj", "attention.o_proj").replace(
-            "ls1.gamma", "layer_scale1.lambda1").replace("ls2.gamma", "layer_scale2.lambda1")
-        if name.startswith("norm."):
-            name = "layernorm." + name.removeprefix("norm.")
-        if ".attn.qkv" in name:
-            for part, third in zip(("q_proj", "k_proj", "v_proj"), value.chunk(3)):
-                theirs[name.replace("attn.qkv", f"attention.{part}")] = third
-        else:
-            theirs[name] = value
     state = net.state_dict()
-    missing, unexpected = net.load_state_dict(theirs, strict=False)
+    missing, unexpected = net.load_state_dict(encoder_names(tensors), strict=False)
     assert not unexpected, unexpected
     assert all("mask_token" in name for name in missing), (missing, list(state)[:5])
     return net
@@ -131,26 +116,7 @@ def head_model(tensors: dict[str, torch.Tensor]) -> DepthAnythingForDepthEstimat
     config = DepthAnythingConfig(backbone_config=backbone, reassemble_hidden_size=WIDTH, patch_size=PATCH,
                                  neck_hidden_sizes=HEAD, fusion_hidden_size=FUSED, head_hidden_size=FINE)
     net = DepthAnythingForDepthEstimation(config).eval()
-    theirs = {}
-    for name, value in tensors.items():
-        part, number, *rest = name.removeprefix("scratch.").replace("_rn", "").split(".")
-        if part == "projects":
-            to = ["neck.reassemble_stage.layers", number, "projection"]
-        elif part == "resize_layers":
-            to = ["neck.reassemble_stage.layers", number, "resize"]
-        elif part.startswith("layer"):
-            to, rest = ["neck.convs", str(int(part[-1]) - 1)], [number]
-        elif part.startswith("refinenet"):
-            # The layers of `transformers` begin with the coarsest.
-            to = ["neck.fusion_stage.layers", str(4 - int(part[-1]))]
-            to.append("projection" if number == "out_conv" else f"residual_layer{number[-1]}")
-            rest = [of.replace("conv", "convolution") for of in rest]
-        elif part == "output_conv1":
-            to, rest = ["head.conv1"], [number]
-        else:
-            to = [{"0": "head.conv2", "2": "head.conv3"}[number]]
-        theirs[".".join(to + rest)] = value
-    missing, unexpected = net.load_state_dict(theirs, strict=False)
+    missing, unexpected = net.load_state_dict(head_names(tensors), strict=False)
     assert not unexpected, unexpected
     assert all(name.startswith("backbone.") for name in missing), missing
     return net

@@ -44,6 +44,42 @@ def panel(pixels: np.ndarray) -> Image.Image:
     return Image.fromarray(pixels).resize(PANEL, Image.BICUBIC)
 
 
+def sheet(rgb: np.ndarray, points: list[tuple[float, float, float]], depth: np.ndarray, sigma: np.ndarray,
+          unit: str) -> Image.Image:
+    """Four panels: image, points (x, y, depth), depth, standard deviation; pixels as uncertain as far are grey."""
+    known = sigma < depth
+    low, high = np.quantile(depth[known], [0.01, 0.99])
+    most = np.quantile(sigma[known], 0.95)
+
+    def coloured(depth: np.ndarray) -> np.ndarray:
+        # Logarithmic, because the background is much farther away.
+        return turbo((np.log(np.maximum(depth, low) / low) / np.log(high / low)).clip(0, 1))
+
+    def masked(pixels: np.ndarray) -> Image.Image:
+        return panel(np.where(known[..., None], pixels, 235).astype(np.uint8))
+
+    # Draw at four times the size and reduce, for smooth outlines.
+    dots = Image.fromarray((rgb * 0.35).astype(np.uint8)).resize((4 * PANEL[0], 4 * PANEL[1]), Image.BICUBIC)
+    draw = ImageDraw.Draw(dots)
+    for x, y, z in points:
+        x, y = (x + 0.5) * dots.width / rgb.shape[1], (y + 0.5) * dots.height / rgb.shape[0]
+        draw.ellipse([x - 11, y - 11, x + 11, y + 11], fill=tuple(map(int, coloured(np.float64(z)))))
+    panels = [
+        ("image", panel(rgb)),
+        (f"{len(points)} measured depths", dots.resize(PANEL, Image.LANCZOS)),
+        (f"completed depth, {low:.1f} to {high:.1f} {unit}", masked(coloured(depth))),
+        (f"standard deviation, 0 to {most:.2f} {unit}", masked(turbo((sigma / most).clip(0, 1)))),
+    ]
+    width, height = PANEL
+    drawn = Image.new("RGB", (2 * width + GAP, 2 * (height + CAPTION) + GAP), "white")
+    draw = ImageDraw.Draw(drawn)
+    for i, (caption, picture) in enumerate(panels):
+        x, y = (i % 2) * (width + GAP), (i // 2) * (height + CAPTION + GAP)
+        draw.text((x + 2, y + 2), caption, fill="black", font=ImageFont.load_default(16))
+        drawn.paste(picture, (x, y + CAPTION))
+    return drawn
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("image", type=Path)
@@ -66,34 +102,8 @@ def main() -> None:
     print(f"{withheld.sum()} withheld depths: RMSE {np.sqrt(np.mean(error**2)):.3f} m, median {np.median(error):.3f} m, "
           f"{100 * np.mean(error <= sigma[withheld]):.0f} % within one standard deviation")
 
-    low, high = np.quantile(depth, [0.01, 0.99])
-    most = np.quantile(sigma, 0.95)
-
-    def coloured(depth: np.ndarray) -> np.ndarray:
-        # Logarithmic, because the background is much farther away.
-        return turbo((np.log(np.maximum(depth, low) / low) / np.log(high / low)).clip(0, 1))
-
-    # Draw at four times the size and reduce, for smooth outlines.
-    dots = Image.fromarray((rgb * 0.35).astype(np.uint8)).resize((4 * PANEL[0], 4 * PANEL[1]), Image.BICUBIC)
-    draw = ImageDraw.Draw(dots)
-    for y, x in zip(*np.nonzero(points)):
-        colour = coloured(points[y, x])
-        x, y = (x + 0.5) * dots.width / rgb.shape[1], (y + 0.5) * dots.height / rgb.shape[0]
-        draw.ellipse([x - 11, y - 11, x + 11, y + 11], fill=tuple(map(int, colour)))
-    panels = [
-        ("image", panel(rgb)),
-        (f"{given.points} measured depths", dots.resize(PANEL, Image.LANCZOS)),
-        (f"completed depth, {low:.1f} to {high:.1f} m", panel(coloured(depth))),
-        (f"standard deviation, 0 to {most:.2f} m", panel(turbo((sigma / most).clip(0, 1)))),
-    ]
-    width, height = PANEL
-    sheet = Image.new("RGB", (2 * width + GAP, 2 * (height + CAPTION) + GAP), "white")
-    draw = ImageDraw.Draw(sheet)
-    for i, (caption, picture) in enumerate(panels):
-        x, y = (i % 2) * (width + GAP), (i // 2) * (height + CAPTION + GAP)
-        draw.text((x + 2, y + 2), caption, fill="black", font=ImageFont.load_default(16))
-        sheet.paste(picture, (x, y + CAPTION))
-    sheet.save(given.out, quality=88, optimize=True)
+    points = [(x, y, measured[y, x]) for y, x in zip(*np.nonzero(points))]
+    sheet(rgb, points, depth, sigma, "m").save(given.out, quality=88, optimize=True)
 
 
 if __name__ == "__main__":

@@ -104,6 +104,14 @@ class Completion(Unpicklable):
         return self._native.interval(level)
 
     @property
+    def sky_pixels(self) -> int:
+        """Number of pixels of the image that show sky that no point measured, where Depth Anything predicted the guide.
+
+        Their standard deviation is at least the depth, whose value means nothing there. 0 without such a guide.
+        """
+        return self._native.sky_pixels()
+
+    @property
     def freedom(self) -> float | None:
         """Degrees of freedom of the distribution of errors; None if it is assumed to be normal."""
         return self._native.freedom()
@@ -215,7 +223,10 @@ class Completion(Unpicklable):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Range to which depths are clamped: that of the points, widened by a factor of 10 at both ends."""
+        """Range of depths: that of the points, widened by a factor of 10 at both ends.
+
+        Nearer than 0.7 times the nearest point, the fitted depth is continued linearly in inverse depth.
+        """
         return self._native.limits()
 
     @property

@@ -187,6 +187,10 @@ impl Completion {
         self.pool.run(py, || self.inner.interval(level))
     }
 
+    fn sky_pixels(&self, py: Python<'_>) -> PyResult<usize> {
+        self.pool.run(py, || Ok(self.inner.sky_pixels()))
+    }
+
     fn freedom(&self) -> Option<f64> {
         self.inner.freedom()
     }

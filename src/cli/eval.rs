@@ -44,7 +44,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         .any(|(_, c)| matches!(c, Candidate::Method(Method::Lsdc)))
         .then(|| network(args, &config.fit))
         .transpose()?;
-    let is_changed = args.fit.quality != Quality::Standard || args.fit.encoder_side.is_some();
+    let is_changed = args.fit.quality != Quality::Standard || args.fit.encoder.side.is_some();
     if network.is_none() && is_changed {
         let what =
             "`--quality` and `--encoder-side` would change nothing: they are for the method `lsdc`";
@@ -171,7 +171,7 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let completer = open_guided_completer(weights, &args.model.device, args.guide.as_ref())?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
-    let (quality, side) = (args.fit.quality, args.fit.encoder_side);
+    let (quality, side) = (args.fit.quality, args.fit.encoder.side);
     let completer = at_quality(&completer.with_fit(fit), quality, side, weights)?;
     let quality = match completer.quality() {
         Quality::Standard => "",

@@ -1,9 +1,8 @@
 //! `lsdc serve`: completion over HTTP.
 
-use super::args::{Model, Serve};
-use super::network::{name_of_own_guide, open_guided_completer, own_guide};
+use super::args::{Model, PretrainedEncoder, Serve};
+use super::network::{name_of_own_guide, open_guided_completer, own_guide, with_encoder_side};
 use super::{Exit, ui};
-use lsdc_eval::predict::GuideSpec;
 use lsdc_files::error::{Cause, Error, Result};
 use lsdc_serve::{Access, Config, LogEntry, Server, Tls};
 use lsdc_weights::weights_name;
@@ -32,12 +31,7 @@ pub(super) fn run(args: &Serve) -> Result<Exit> {
         "http"
     };
     let in_clear = config.access.token.is_some() && config.tls.is_none();
-    let server = bind(
-        &args.model,
-        args.own_guide.guide.as_ref(),
-        args.listen,
-        config,
-    )?;
+    let server = bind(&args.model, &args.encoder, args.listen, config)?;
     let address = server.address();
     if in_clear && !address.ip().is_loopback() {
         ui::say("the token goes over the network as it is; give --tls-cert and --tls-key");
@@ -49,12 +43,14 @@ pub(super) fn run(args: &Serve) -> Result<Exit> {
 /// A service with the weights and the device of the command line.
 pub(super) fn bind(
     model: &Model,
-    guide: Option<&GuideSpec>,
+    encoder: &PretrainedEncoder,
     address: SocketAddr,
     config: Config,
 ) -> Result<Server> {
     let weights = model.weights.as_deref();
+    let guide = encoder.guide.as_ref();
     let completer = open_guided_completer(weights, &model.device, guide)?;
+    let completer = with_encoder_side(completer, encoder.input.side)?;
     let mut name = weights_name(weights)?;
     if completer.has_depth_head()
         && let Some(own) = own_guide(weights, &model.device, guide)?

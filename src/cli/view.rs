@@ -47,7 +47,7 @@ pub(super) fn run(args: &View) -> Result<Exit> {
         ..Config::default()
     };
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, args.port));
-    let server = bind(&args.model, args.own_guide.guide.as_ref(), address, config)?;
+    let server = bind(&args.model, &args.encoder, address, config)?;
     let link = format!("http://{}/?token={token}", server.address());
     ui::print(&format!("page      {link}"));
     if !args.no_browser && open::that_detached(&link).is_err() {

@@ -265,6 +265,7 @@ struct Options {
     std::size_t working_cols = 0;
     Fit fit = Fit::recommended;
     Robust robust = Robust::recommended;
+    std::size_t encoder_side = 0;
 };
 
 // A dense depth prediction from another source, up to scale and shift.
@@ -591,6 +592,7 @@ private:
         settings.working_height = options.working_rows;
         settings.fit = static_cast<lsdc_fit>(options.fit);
         settings.robust = static_cast<lsdc_robust>(options.robust);
+        settings.encoder_side = options.encoder_side;
         lsdc_completer *completer = nullptr;
         detail::check(create(&settings, &completer));
         handle_.reset(completer);

@@ -67,6 +67,9 @@ pub struct lsdc_completer_options {
     pub fit: lsdc_fit,
     /// How the influence of outliers is limited.
     pub robust: lsdc_robust,
+    /// Size of the image that the encoder of "anything" reads: the shorter side of one of 4:3 with as many pixels, from 252 to
+    /// 518. 0 means 336, with which it was trained. Other weights take 0 only.
+    pub encoder_side: usize,
 }
 
 // SAFETY: it is `repr(C)`, begins with its size, and consists of numbers.
@@ -196,6 +199,9 @@ fn with(selected: &SelectedWeights, options: &lsdc_completer_options) -> Result<
     match (options.working_height, options.working_width) {
         (0, 0) => {}
         (height, width) => value = value.with_working_size(height, width)?,
+    }
+    if options.encoder_side != 0 {
+        value = value.with_encoder_side(options.encoder_side)?;
     }
     Ok(Pooled { value, pool })
 }

@@ -51,9 +51,10 @@ pub struct lsdc_report {
     pub lambda: f64,
     /// Trust in the guide, 0 if the points do not support it; NaN if there was none.
     pub guide_trust: f64,
-    /// Lower limit to which depths are clamped: a tenth of the smallest given depth.
+    /// Lower limit of depths: a tenth of the smallest given depth. Below 0.7 times the smallest, the fitted depth is continued
+    /// linearly in inverse depth.
     pub lowest: f64,
-    /// Upper limit to which depths are clamped: ten times the largest given depth.
+    /// Upper limit of depths: ten times the largest given depth.
     pub highest: f64,
     /// Run time of the network in seconds.
     pub network_seconds: f64,

@@ -46,6 +46,11 @@ static void completers(const char *folder) {
     options.working_width = options.working_height = SIZE_MAX;
     CHECK(lsdc_completer_create("small", &options, &made) != LSDC_OK && made == NULL);
     options = quick();
+    options.encoder_side = 336;
+    FAILS(LSDC_ERROR_SETTINGS, "no encoder", lsdc_completer_create("small", &options, &made));
+    options.encoder_side = 600;
+    FAILS(LSDC_ERROR_SETTINGS, "not 252 to 518", lsdc_completer_create("small", &options, &made));
+    options = quick();
 
     FAILS(LSDC_ERROR_ARGUMENT, "`path` is null", lsdc_completer_create_from_file(NULL, &options, &made));
     FAILS(LSDC_ERROR_WEIGHTS, "cannot read weights", lsdc_completer_create_from_file("", &options, &made));

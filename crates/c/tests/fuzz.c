@@ -81,6 +81,7 @@ static lsdc_status create_completer(void) {
     if (once_in(10)) options.threads = SIZE_MAX - below(100);
     if (once_in(10)) options.working_width = below(40);
     if (once_in(10)) options.working_height = SIZE_MAX - below(100);
+    if (once_in(10)) options.encoder_side = below(600);
     options.fit = (lsdc_fit)below(5);
     options.robust = (lsdc_robust)below(9);
     // Without options, images would be resized to the large size of training.

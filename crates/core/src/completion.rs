@@ -4,9 +4,10 @@
 use crate::detail::{Detail, PixelResiduals};
 use crate::ensemble::{average, mirrored, mirrored_place};
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, InlierPosterior, RANGE, SmoothField, root_mean_square};
+use crate::fit::{Fit, FitMethod, InlierPosterior, SmoothField, root_mean_square};
 use crate::image::{check_rows, check_size};
 use crate::lazy::get_or_compute;
+use crate::limits::DepthLimits;
 use crate::map::DepthMap;
 use crate::scene::Scene;
 use crate::upsampling::Upsampling;
@@ -290,7 +291,7 @@ impl Completion {
         } = &*self.0;
         let rows = scene.completer().run(|| scene.at(scene.size(), places));
         let columns = rows.len() / places.len().max(1);
-        let (low, high) = self.limits();
+        let limits = self.depth_limits();
         let smooth_at =
             |smooth: &SmoothField, place| smooth.read(&scene.interpolation(place, smooth.size()));
         let value = |(row, &place): (&[f32], &[f64; 2])| {
@@ -300,7 +301,7 @@ impl Completion {
             let depth = detail
                 .as_ref()
                 .map_or(depth, |detail| detail.at(place, depth));
-            (depth as f32).clamp(low, high)
+            limits.apply(depth as f32)
         };
         rows.chunks_exact(columns.max(1))
             .zip(places)
@@ -337,19 +338,26 @@ impl Completion {
         values
     }
 
-    /// The range that depths are clamped to: that of the observations, widened by the factor [`RANGE`] at
-    /// both ends.
+    /// The range of depths: that of the observations, widened by the factor [`RANGE`](crate::RANGE) at both ends. Nearer than
+    /// 0.7 times the nearest observation, the fitted depth is continued linearly in inverse depth, where it would reach 0.
     pub fn limits(&self) -> (f32, f32) {
-        let (low, high) = self.0.usable.range();
-        (low / RANGE, high * RANGE)
+        let DepthLimits {
+            lowest, highest, ..
+        } = self.depth_limits();
+        (lowest, highest)
     }
 
-    /// The number of pixels of a [map](Self::depth_at) of this completion that are clamped to [`Self::limits`]. At
-    /// [`Quality::Best`](crate::Quality::Best), a pixel counts if either fit clamps it, even if the mean is within the limits.
+    pub(crate) fn depth_limits(&self) -> DepthLimits {
+        DepthLimits::new(self.0.usable.range())
+    }
+
+    /// The number of pixels of a [map](Self::depth_at) of this completion whose depth differs from the fitted one, because that is
+    /// far outside the range of the observations ([`Self::limits`]). At [`Quality::Best`](crate::Quality::Best), a pixel counts if
+    /// it does in either fit.
     #[doc(hidden)]
     pub fn clamped_pixels(&self, map: &DepthMap) -> usize {
-        let (low, high) = self.limits();
-        let is_clamped = |depth: f32| depth <= low || depth >= high;
+        let limits = self.depth_limits();
+        let is_clamped = |depth: f32| limits.changed(depth);
         let Some(mirror) = &self.0.mirror else {
             let depths = map.values().iter();
             return depths.filter(|&&depth| is_clamped(depth)).count();
@@ -380,12 +388,12 @@ impl Completion {
                 (values, Some(upsampling)) => upsampling.enlarge(&values, size),
                 (values, None) => values.into_owned(),
             };
-            let (low, high) = self.limits();
+            let limits = self.depth_limits();
             if let Some(detail) = detail {
                 detail.add_to(size, &mut values);
             }
-            let clamped = |value: &mut f32| *value = value.clamp(low, high);
-            values.par_iter_mut().for_each(clamped);
+            let limited = |value: &mut f32| *value = limits.apply(*value);
+            values.par_iter_mut().for_each(limited);
             values
         })
     }

@@ -72,6 +72,7 @@ pub mod field;
 pub mod fit;
 mod image;
 mod lazy;
+mod limits;
 mod map;
 #[doc(hidden)]
 pub mod nearest;
@@ -107,8 +108,8 @@ pub use depth_anything::DepthAnything;
 pub use depth_guide::{DepthGuide, GuideKind};
 pub use ensemble::Quality;
 pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError};
-pub use fit::RANGE;
 pub use image::{Channels, Image, MAX_PIXELS};
+pub use limits::RANGE;
 pub use map::{DepthMap, Point};
 pub use network_output::{NetworkInput, NetworkOutput};
 pub use noise_model::DepthNoise;

@@ -1,6 +1,10 @@
-//! Sky in the relative inverse depths that Depth Anything predicts from an image.
+//! Sky in the relative inverse depths that Depth Anything predicts from an image, and what of it no point measured.
 
+use crate::completion::Completion;
+use crate::depth_guide::DepthGuide;
 use crate::fit::median;
+use crate::nearest::NeighbourGrid;
+use rayon::prelude::*;
 
 /// Largest inverse depth of sky, relative to the nearest.
 const SKY: f32 = 0.01;
@@ -12,6 +16,10 @@ const SKY_AREA: f32 = 0.02;
 const LARGEST_SHIFT: f64 = 0.1;
 /// Fewest points that tell the shift.
 const FEWEST_POINTS: usize = 6;
+/// Sky is measured up to this distance from a point in it, in distances between points: the mean, or that of the point from its
+/// third nearest neighbour (at random places about the mean), if this is smaller, as in clusters.
+const NEAR: f64 = 2.0;
+const NEIGHBOUR: usize = 3;
 
 /// The scale of the relative inverse depths of an image, and whether it shows sky. Depth Anything V2 was trained with a loss
 /// that does not depend on the shift of inverse depths, but with infinity at 0 (Yang et al. 2024).
@@ -60,6 +68,73 @@ impl InverseDepthScale {
         let shift = (least - slope * far) / (slope * f64::from(self.nearest));
         // Points at one relative depth do not tell.
         near == far || (slope > 0.0 && shift < LARGEST_SHIFT)
+    }
+}
+
+/// The sky of an image that no point measured.
+pub(crate) struct UnmeasuredSky<'a> {
+    guide: &'a DepthGuide,
+    scale: InverseDepthScale,
+    /// Height and width of the image.
+    size: (usize, usize),
+    /// Points in what the guide takes for sky.
+    points: NeighbourGrid,
+    /// Square of the distance from each of them up to which sky is measured.
+    near: Vec<f64>,
+}
+
+impl<'a> UnmeasuredSky<'a> {
+    /// `None` if no guide shows sky, or if the points say that what it takes for sky is not far away.
+    pub(crate) fn of(completion: &'a Completion) -> Option<Self> {
+        let (scene, usable) = (completion.scene(), completion.usable());
+        let guide = scene.guide()?;
+        let scale = guide.scale_with_sky()?;
+        let size = scene.size();
+        let inverse = |place: [f64; 2]| guide.inverse_at(size, place).unwrap_or(f32::INFINITY);
+        let points = usable.places.iter().zip(&usable.depths);
+        let points = points.map(|(place, depth)| (inverse(*place), f64::from(*depth).recip()));
+        if !scale.has_infinity(points.collect()) {
+            return None;
+        }
+        let places = usable.places.iter().copied();
+        let in_sky: Vec<_> = places
+            .filter(|place| scale.is_sky(inverse(*place)))
+            .collect();
+        let all = NeighbourGrid::new(&usable.places);
+        let mean = (size.0 * size.1) as f64 / usable.places.len().max(1) as f64;
+        let near = in_sky.iter().map(|place| {
+            // Itself is the nearest.
+            let nearest = all.nearest(*place, NEIGHBOUR + 1);
+            let neighbour = nearest.get(NEIGHBOUR).map_or(mean, |(square, _)| *square);
+            NEAR.powi(2) * neighbour.min(mean)
+        });
+        Some(Self {
+            guide,
+            scale,
+            size,
+            near: near.collect(),
+            points: NeighbourGrid::new(&in_sky),
+        })
+    }
+
+    /// Whether each pixel of a map of `height` rows and `width` columns shows sky that no point measured.
+    pub(crate) fn mask(&self, (height, width): (usize, usize)) -> Vec<bool> {
+        let down = self.size.0 as f64 / height as f64;
+        let right = self.size.1 as f64 / width as f64;
+        let pixels = (0..height * width).into_par_iter();
+        let mask = pixels.map_init(Vec::new, |nearest, pixel| {
+            let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            let place = [x * right - 0.5, y * down - 0.5];
+            let inverse = self.guide.inverse_at(self.size, place);
+            if !inverse.is_some_and(|inverse| self.scale.is_sky(inverse)) {
+                return false;
+            }
+            self.points.find(place, 1, nearest);
+            nearest
+                .first()
+                .is_none_or(|(square, point)| *square > self.near[*point])
+        });
+        mask.collect()
     }
 }
 

@@ -10,6 +10,7 @@ use crate::fit::{
 use crate::image::check_size;
 use crate::map::DepthMap;
 use crate::nearest::NeighbourGrid;
+use crate::sky::UnmeasuredSky;
 use rayon::prelude::*;
 
 /// Degrees of freedom at which Student's t distribution is practically normal.
@@ -24,7 +25,8 @@ impl Completion {
     /// 68.27 % of errors, as one standard deviation does if errors are normal. Depth errors have heavier tails at missed edges;
     /// [`Self::interval`] returns the multiple of this map that holds another share. If observations are dense and the map
     /// follows each of them, it is scaled to their leave-one-out errors. Where a guide predicted by Depth Anything shows sky and
-    /// no point is near, it is at least the depth, whose value means nothing there.
+    /// no point is near, it is at least the depth, whose value means nothing there. Far nearer than all observations, it is at
+    /// least the distance of the depth from the fitted one ([`Self::limits`]).
     ///
     /// At [`Quality::Best`](crate::Quality::Best) it is (a + b) / 2, where a and b are the standard deviations of both fits. It
     /// is not calibrated again: intervals hold at least their share of errors, and exactly that share only if the errors of
@@ -53,48 +55,36 @@ impl Completion {
     fn own_deviations(&self, size: (usize, usize)) -> Result<Vec<f32>> {
         let completer = self.scene().completer();
         let mut values = completer.run(|| self.deviations(size))?;
-        completer.run(|| self.reduce_deviations(size, &mut values));
-        completer.run(|| self.raise_in_sky(size, &mut values));
+        completer.run(|| {
+            self.reduce_deviations(size, &mut values);
+            let depth = self.dense(size);
+            let limits = self.depth_limits();
+            for (deviation, depth) in values.iter_mut().zip(&depth) {
+                *deviation = deviation.max(limits.raised_by(*depth));
+            }
+            self.raise_in_sky(size, &depth, &mut values);
+        });
         Ok(values)
     }
 
-    /// Raises standard deviations to the depth where a predicted guide shows sky, whose distance is unknown. Not near points in
-    /// the sky, where it was measured, nor if the points say that what the guide takes for sky is not far away.
-    fn raise_in_sky(&self, (height, width): (usize, usize), deviations: &mut [f32]) {
-        /// In mean distances between points.
-        const NEAR: f64 = 2.0;
-        let (scene, usable) = (self.scene(), self.usable());
-        let own = scene.size();
-        let Some((guide, scale)) = scene.guide().and_then(|guide| {
-            let scale = guide.scale_with_sky()?;
-            Some((guide, scale))
-        }) else {
+    /// Raises standard deviations to the depth where a predicted guide shows sky that no point measured.
+    fn raise_in_sky(&self, size: (usize, usize), depth: &[f32], deviations: &mut [f32]) {
+        let Some(sky) = UnmeasuredSky::of(self) else {
             return;
         };
-        let inverse = |place: [f64; 2]| guide.inverse_at(own, place).unwrap_or(f32::INFINITY);
-        let is_sky = |place: [f64; 2]| scale.is_sky(inverse(place));
-        let points = usable.places.iter().zip(&usable.depths);
-        let points = points.map(|(place, depth)| (inverse(*place), f64::from(*depth).recip()));
-        if !scale.has_infinity(points.collect()) {
-            return;
-        }
-        let measured = usable.places.iter().copied().filter(|place| is_sky(*place));
-        let measured = NeighbourGrid::new(&measured.collect::<Vec<_>>());
-        let near = NEAR.powi(2) * (own.0 * own.1) as f64 / usable.places.len().max(1) as f64;
-        let (right, down) = (own.1 as f64 / width as f64, own.0 as f64 / height as f64);
-        let depth = self.dense((height, width));
-        let pixels = deviations.par_iter_mut().zip(depth).enumerate();
-        pixels.for_each_init(Vec::new, |nearest, (pixel, (deviation, depth))| {
-            let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
-            let place = [x * right - 0.5, y * down - 0.5];
-            if !is_sky(place) {
-                return;
-            }
-            measured.find(place, 1, nearest);
-            if nearest.first().is_none_or(|(square, _)| *square > near) {
-                *deviation = deviation.max(depth);
-            }
-        });
+        let pairs = deviations.iter_mut().zip(depth).zip(sky.mask(size));
+        let in_sky = pairs.filter(|(_, is_sky)| *is_sky);
+        in_sky.for_each(|((deviation, depth), _)| *deviation = deviation.max(*depth));
+    }
+
+    /// The number of pixels of the image that show sky that no point measured, by a guide that Depth Anything predicted. Their
+    /// standard deviation is at least the depth, whose value means nothing there. 0 without such a guide.
+    pub fn sky_pixels(&self) -> usize {
+        let count = || {
+            let mask = UnmeasuredSky::of(self)?.mask(self.scene().size());
+            Some(mask.into_iter().filter(|is_sky| *is_sky).count())
+        };
+        self.scene().completer().run(|| count().unwrap_or(0))
     }
 
     /// The number of standard deviations around the depth that hold a share `level` of errors, from 0 to 1 (exclusive). Errors

@@ -236,6 +236,38 @@ fn other_fits_to_an_image_do_not_run_the_network_again() {
     assert!(alone.with_fit(*completer.fit_config()).is_err());
 }
 
+/// A street: sky, and a plane from the horizon to the camera, whose depth is 50 times as large at its far end. The shift of the
+/// inverse depths is that of laser scans outdoors.
+#[test]
+fn the_shift_of_a_guide_with_sky_is_small() {
+    const SKY: usize = 20;
+    let inverse: Vec<f32> = (0..WIDTH * HEIGHT)
+        .map(|pixel| (pixel / WIDTH).saturating_sub(SKY) as f32 / (HEIGHT - SKY) as f32)
+        .collect();
+    let depth = |pixel: usize| 10.0 / (inverse[pixel] + 0.02);
+    let mut points = Observations::new();
+    for i in 0..40 {
+        let (x, y) = (i * 37 % WIDTH, SKY + 1 + i * 23 % (HEIGHT - SKY - 1));
+        points.add(x as f64, y as f64, depth(y * WIDTH + x));
+    }
+    let completer = Completer::without_network(FitConfig::default()).unwrap();
+    let grey = vec![128_u8; 3 * WIDTH * HEIGHT];
+    let image = Image::new(WIDTH, HEIGHT, Channels::Rgb, &grey).unwrap();
+    let error = |guide: DepthGuide| {
+        let scene = completer.guided_scene(&image, &guide).unwrap();
+        let map = scene.complete(&points).unwrap().depth().unwrap();
+        let ground = WIDTH * (SKY + 1)..WIDTH * HEIGHT;
+        let errors = ground
+            .clone()
+            .map(|i| f64::from(map.values()[i] / depth(i) - 1.0).abs());
+        errors.sum::<f64>() / ground.len() as f64
+    };
+    let known = error(DepthGuide::with_sky(WIDTH, HEIGHT, &inverse).unwrap());
+    let disparity = GuideKind::Disparity;
+    let unknown = error(DepthGuide::new(disparity, WIDTH, HEIGHT, &inverse).unwrap());
+    assert!(known < 0.02 && known < 0.5 * unknown, "{known}, {unknown}");
+}
+
 #[test]
 fn the_sky_of_a_predicted_guide_is_not_measured() {
     /// Rows of sky at the top.
@@ -243,16 +275,10 @@ fn the_sky_of_a_predicted_guide_is_not_measured() {
     let completer = Completer::new(&Weights::builtin_small()).unwrap();
     let mut inverse: Vec<f32> = truth().into_iter().map(f32::recip).collect();
     inverse[..SKY * WIDTH].fill(0.0);
-    let known = DepthGuide::with_sky(WIDTH, HEIGHT, &inverse).unwrap();
-    let unknown = DepthGuide::new(GuideKind::Disparity, WIDTH, HEIGHT, &inverse).unwrap();
+    let guide = DepthGuide::with_sky(WIDTH, HEIGHT, &inverse).unwrap();
     let grey = vec![128_u8; 3 * WIDTH * HEIGHT];
     let image = Image::new(WIDTH, HEIGHT, Channels::Rgb, &grey).unwrap();
-    let maps = |guide: &DepthGuide, points: &Observations| {
-        let scene = completer.guided_scene(&image, guide).unwrap();
-        let completion = scene.complete(points).unwrap();
-        let deviation = completion.standard_deviation().unwrap();
-        (completion.depth().unwrap(), deviation)
-    };
+    let scene = completer.guided_scene(&image, &guide).unwrap();
     let ground = points(120);
     let mut ground: Observations = ground
         .iter()
@@ -261,31 +287,30 @@ fn the_sky_of_a_predicted_guide_is_not_measured() {
         .collect();
     // In mean distances between points, as in the implementation.
     let near = 2.0 * ((WIDTH * HEIGHT) as f64 / (ground.len() + 1) as f64).sqrt();
-    let (depth, raised) = maps(&known, &ground);
-    let (same, plain) = maps(&unknown, &ground);
-    assert_eq!(depth, same);
-    let pixels = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
-    for (x, y) in pixels() {
-        if y < SKY {
-            assert_eq!(raised.at(x, y), plain.at(x, y).max(depth.at(x, y)));
-        } else {
-            assert_eq!(raised.at(x, y), plain.at(x, y));
-        }
+    // Whether the standard deviation is at least the depth at each pixel, and the number of sky pixels.
+    let unmeasured = |points: &Observations| {
+        let completion = scene.complete(points).unwrap();
+        let deviation = completion.standard_deviation().unwrap();
+        let depth = completion.depth().unwrap();
+        let pairs = deviation.values().iter().zip(depth.values());
+        let large: Vec<bool> = pairs.map(|(deviation, depth)| deviation >= depth).collect();
+        (large, completion.sky_pixels())
+    };
+    let (large, sky) = unmeasured(&ground);
+    assert_eq!(sky, SKY * WIDTH);
+    for (pixel, large) in large.into_iter().enumerate() {
+        assert_eq!(large, pixel < SKY * WIDTH, "{pixel}");
     }
-    assert!(pixels().any(|(x, y)| plain.at(x, y) < 0.2 * depth.at(x, y) && y < SKY));
 
     // What was measured is not sky.
     ground.add(48.0, 8.0, 4.0);
-    let (_, raised) = maps(&known, &ground);
-    let (depth, plain) = maps(&unknown, &ground);
-    for (x, y) in pixels().filter(|(_, y)| *y < SKY) {
-        let away = (x as f64 - 48.0).hypot(y as f64 - 8.0);
-        let plain = plain.at(x, y);
-        let expected = if away <= near {
-            plain
-        } else {
-            plain.max(depth.at(x, y))
-        };
-        assert_eq!(raised.at(x, y), expected, "{x}, {y}");
+    let (large, sky) = unmeasured(&ground);
+    let mut measured = 0;
+    for pixel in 0..SKY * WIDTH {
+        let (x, y) = ((pixel % WIDTH) as f64, (pixel / WIDTH) as f64);
+        let is_near = (x - 48.0).hypot(y - 8.0) <= near;
+        measured += usize::from(is_near);
+        assert_eq!(large[pixel], !is_near, "{x}, {y}");
     }
+    assert_eq!(sky, SKY * WIDTH - measured);
 }

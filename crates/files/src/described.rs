@@ -51,7 +51,7 @@ pub struct DescribedDepth {
     pub lowest: f32,
     /// Farthest depth.
     pub highest: f32,
-    /// Number of pixels whose depth was clamped to ten times the range of the points.
+    /// Number of pixels limited because they are far outside the range of the points.
     #[serde(skip_serializing_if = "is_zero")]
     pub clamped: usize,
 }
@@ -70,7 +70,7 @@ impl DescribedDepth {
     }
 }
 
-/// Counts the pixels of a completed map whose depth was clamped to ten times the range of the points; at
+/// Counts the pixels of a completed map that were limited because they are far outside the range of the points; at
 /// [`Quality::Best`](lsdc_core::Quality::Best), in either fit.
 pub fn clamped_pixels(completion: &Completion, map: &DepthMap) -> usize {
     completion.clamped_pixels(map)
@@ -152,6 +152,10 @@ pub struct DescribedFit {
     /// Number of standard deviations that cover 95 % of errors, if standard deviations were requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deviations_of_95: Option<f64>,
+    /// Number of pixels of the image that show sky that no point measured, if standard deviations were requested: they are at
+    /// least the depth there.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub sky: usize,
     /// Number of points that were smoothed by their standard deviations before the fit.
     #[serde(skip_serializing_if = "is_zero")]
     pub smoothed: usize,
@@ -194,6 +198,11 @@ impl DescribedFit {
             leave_one_out_inliers: of_inliers,
             outliers: outliers.map(<[Outlier]>::len),
             deviations_of_95: deviations_of_95.flatten(),
+            sky: if deviations {
+                completion.sky_pixels()
+            } else {
+                0
+            },
             smoothed: report.smoothed,
             limited: report.limited,
             rank: report.rank,

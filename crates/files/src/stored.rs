@@ -2,7 +2,7 @@
 
 use super::files::{
     CLOUDS, ColumnMeaning, PointTable, TableRow, has_ending, read_array, read_exr, read_grey,
-    read_h5, read_npz, read_pfm, read_table, read_tiff, stored_unit,
+    read_h5, read_npz, read_npz_table, read_pfm, read_table, read_tiff, stored_unit,
 };
 use super::{DepthMap, DepthReadOptions, Unit};
 use crate::checks::{NumberType, Warning, constant, name_warning};
@@ -84,6 +84,11 @@ pub(super) fn read_depth_file(
 ) -> Result<DepthFile> {
     let in_file = options.unit.is_none().then(|| stored_unit(path)).flatten();
     let known = |numbers| FileUnit::new(options.unit.or(in_file), numbers);
+    if has_ending(path, "npz")
+        && let Some((table, numbers)) = read_npz_table(path)?
+    {
+        return Ok(DepthFile::Table(table, known(numbers)));
+    }
     let Some((raster, sigma)) = read_raster(path)? else {
         return Ok(DepthFile::Table(
             read_table(path)?,

@@ -13,7 +13,7 @@ pub(crate) struct CompletionResult {
     pub(crate) points: Sparse,
     pub(crate) completion: Completion,
     pub(crate) depth: Option<DepthMap>,
-    /// Pixels that were limited to ten times the range of the points.
+    /// Pixels limited because they are far outside the range of the points.
     pub(crate) clamped: usize,
     pub(crate) deviations: Option<DepthMap>,
     /// Root mean square of the leave-one-out errors.

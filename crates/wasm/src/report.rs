@@ -29,7 +29,7 @@ struct Points {
 struct Depth {
     lowest: f32,
     highest: f32,
-    /// Number of pixels whose depth was limited to ten times the range of the points.
+    /// Number of pixels limited because they are far outside the range of the points.
     clamped: usize,
 }
 

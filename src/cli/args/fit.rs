@@ -1,5 +1,6 @@
 //! Arguments that override the fit settings stored with the weights.
 
+use super::encoder::EncoderInput;
 use super::values::{Robustness, fit_method, prior_kind, quality};
 use clap::Args as ClapArgs;
 use lsdc_core::Quality;
@@ -32,15 +33,8 @@ pub(in crate::cli) struct FitFlags {
     /// twice the time and memory).
     #[arg(long, value_parser = quality(), default_value = "standard", help_heading = "Fit", hide_short_help = true)]
     pub(in crate::cli) quality: Quality,
-    /// Size of the image that the pretrained encoder of the weights reads: the shorter side of one of 4:3 with as many pixels,
-    /// from 252 to 518 [default: 336].
-    #[arg(
-        long,
-        value_name = "PIXELS",
-        help_heading = "Network",
-        hide_short_help = true
-    )]
-    pub(in crate::cli) encoder_side: Option<usize>,
+    #[command(flatten)]
+    pub(in crate::cli) encoder: EncoderInput,
 }
 
 impl FitFlags {
@@ -54,7 +48,7 @@ impl FitFlags {
             ("`--robust`", robust),
             ("`--prior`", self.prior.is_some()),
             ("`--quality`", self.quality != Quality::Standard),
-            ("`--encoder-side`", self.encoder_side.is_some()),
+            ("`--encoder-side`", self.encoder.side.is_some()),
         ];
         let given = flags.into_iter().filter(|(_, given)| *given);
         given.map(|(name, _)| name)

@@ -1,6 +1,7 @@
 //! Command-line arguments.
 
 mod completion;
+mod encoder;
 mod evaluation;
 #[cfg(feature = "train")]
 mod experiment;
@@ -19,6 +20,8 @@ mod values;
 mod weights;
 
 pub(super) use completion::{Bench, Complete};
+#[cfg(feature = "serve")]
+pub(super) use encoder::PretrainedEncoder;
 pub(super) use evaluation::{Eval, Export};
 #[cfg(feature = "train")]
 pub(super) use experiment::{Chosen, Experiments};

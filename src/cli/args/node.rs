@@ -1,6 +1,7 @@
 //! Arguments of `node`.
 
 use super::Model;
+use super::encoder::PretrainedEncoder;
 use super::recorded::{Units, seconds};
 use super::values::typed;
 use clap::{Args as ClapArgs, ValueEnum};
@@ -148,6 +149,8 @@ pub(in crate::cli) struct NodeArgs {
     pub(in crate::cli) foxglove: Option<SocketAddr>,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
+    #[command(flatten)]
+    pub(in crate::cli) encoder: PretrainedEncoder,
 }
 
 /// An address with its port, or a port of this machine.

@@ -1,9 +1,8 @@
 //! Arguments of `serve` and `view`.
 
 use super::Model;
+use super::encoder::PretrainedEncoder;
 use clap::Args as ClapArgs;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
-use lsdc_eval::predict::GuideSpec;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -39,7 +38,7 @@ pub(in crate::cli) struct Serve {
     #[command(flatten)]
     pub(in crate::cli) limits: Limits,
     #[command(flatten)]
-    pub(in crate::cli) own_guide: OwnGuide,
+    pub(in crate::cli) encoder: PretrainedEncoder,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
 }
@@ -154,18 +153,5 @@ pub(in crate::cli) struct View {
     #[command(flatten)]
     pub(in crate::cli) model: Model,
     #[command(flatten)]
-    pub(in crate::cli) own_guide: OwnGuide,
-}
-
-/// Whether scenes have the guide of the encoder's own depth head.
-#[derive(Debug, ClapArgs)]
-pub(in crate::cli) struct OwnGuide {
-    /// `none`: without the guide that weights on an encoder have by default, from its depth head.
-    #[arg(long, value_parser = no_guide(), value_name = "none", help_heading = "Network", hide_short_help = true)]
-    pub(in crate::cli) guide: Option<GuideSpec>,
-}
-
-/// No guide, by its name.
-fn no_guide() -> impl TypedValueParser<Value = GuideSpec> {
-    PossibleValuesParser::new(["none"]).map(|_| GuideSpec::None)
+    pub(in crate::cli) encoder: PretrainedEncoder,
 }

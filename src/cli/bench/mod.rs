@@ -148,7 +148,7 @@ fn setting(args: &Bench, size: Size) -> Setting {
         height: size.height,
         runs: args.runs,
         quality: (quality != Quality::Standard).then_some(quality),
-        encoder_side: args.fit.encoder_side,
+        encoder_side: args.fit.encoder.side,
     }
 }
 
@@ -160,7 +160,7 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
     let mut settings = *completer.fit_config();
     args.fit.apply(&mut settings);
     let completer = completer.with_fit(settings);
-    let mut completer = at_quality(&completer, args.fit.quality, args.fit.encoder_side, weights)?;
+    let mut completer = at_quality(&completer, args.fit.quality, args.fit.encoder.side, weights)?;
     if args.full {
         completer = completer.with_working_size(size.height, size.width)?;
     }

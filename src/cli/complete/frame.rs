@@ -78,7 +78,7 @@ pub(super) enum Fitted {
 /// A completed frame.
 pub(super) struct Completed {
     pub(super) depth: DepthMap,
-    /// Number of pixels clamped to ten times the range of the points.
+    /// Number of pixels limited because they are far outside the range of the points.
     pub(super) clamped: usize,
     /// With `--max-sigma` or `--max-relative-sigma`.
     pub(super) left_empty: Option<LeftEmpty>,

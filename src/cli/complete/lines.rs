@@ -20,7 +20,7 @@ impl Summary {
             let clamped = match depth.clamped {
                 0 => String::new(),
                 count => format!(
-                    ", {} limited to ten times the range of the points",
+                    ", {} far outside the range of the points limited",
                     counted(count, "pixel")
                 ),
             };
@@ -213,6 +213,12 @@ fn of_fit(fit: &DescribedFit, network: Option<&str>) -> Vec<String> {
             "sigma     68.3 % of errors are expected within 1 standard deviation, 95 % within {deviations:.1}"
         )
     });
+    let sky = (fit.sky > 0).then(|| {
+        let pixels = counted(fit.sky, "pixel");
+        format!(
+            "sky       {pixels} without a point near: the standard deviation is at least the depth"
+        )
+    });
     let smoothed = (fit.smoothed > 0).then(|| {
         format!(
             "smoothed  {} by their standard deviations",
@@ -225,7 +231,7 @@ fn of_fit(fit: &DescribedFit, network: Option<&str>) -> Vec<String> {
             counted(fit.limited, "pixel")
         )
     });
-    let all = [guide, map, sigma, smoothed, limited];
+    let all = [guide, map, sigma, sky, smoothed, limited];
     all.into_iter().flatten().collect()
 }
 

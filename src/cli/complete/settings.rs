@@ -225,7 +225,7 @@ impl Settings {
             model,
             fit: fit.changes(),
             quality: fit.quality,
-            encoder_side: fit.encoder_side,
+            encoder_side: fit.encoder.side,
             full,
             size,
             temporal,

@@ -22,6 +22,8 @@ pub(super) use guide::{named as name_of_own_guide, open_guide, open_guided_compl
 #[cfg(not(feature = "train"))]
 pub(super) use prepared::{needs_training, open_system, system_candidates};
 pub(super) use quality::at_quality;
+#[cfg(any(feature = "serve", feature = "node"))]
+pub(super) use quality::with_encoder_side;
 #[cfg(feature = "train")]
 pub(super) use trainable::{open_system, system_candidates, systems};
 

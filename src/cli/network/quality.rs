@@ -22,8 +22,18 @@ pub(in crate::cli) fn at_quality(
         )
         .hint("leave it out, or give other `--weights`"));
     }
-    let completer = completer.with_quality(quality);
-    let Some(side) = encoder_side else {
+    with_encoder_side(completer.with_quality(quality), encoder_side)
+}
+
+/// The completer whose encoder reads images of this size.
+///
+/// # Errors
+/// A size out of range, and weights without an encoder.
+pub(in crate::cli) fn with_encoder_side(
+    completer: Completer,
+    side: Option<usize>,
+) -> Result<Completer> {
+    let Some(side) = side else {
         return Ok(completer);
     };
     let completer = completer.with_encoder_side(side)?;

@@ -4,7 +4,7 @@ mod dds;
 mod parameters;
 
 use super::args::{NodeArgs, Units};
-use super::network::open_guided_completer;
+use super::network::{open_guided_completer, with_encoder_side};
 use super::{Exit, ui};
 use dds::Dds;
 use lsdc_core::{Completer, ViewSettings};
@@ -25,7 +25,9 @@ pub(super) fn run(args: &NodeArgs) -> Result<Exit> {
     let args = &parameters::with_file(args)?;
     let config = config(args)?;
     let weights = args.model.weights.as_deref();
-    let completer = open_guided_completer(weights, &args.model.device, None)?;
+    let guide = args.encoder.guide.as_ref();
+    let completer = open_guided_completer(weights, &args.model.device, guide)?;
+    let completer = with_encoder_side(completer, args.encoder.input.side)?;
     let small = small_weights(args)?;
     let (image, points) = (
         config.topics.image.0.clone(),

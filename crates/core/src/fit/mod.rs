@@ -40,7 +40,7 @@ pub use lambda::{LAMBDA_COUNTS, Lambda};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
 pub(crate) use medians::median;
 pub use noise::LocalNoise;
-pub use outcome::{Fit, RANGE, root_mean_square};
+pub use outcome::{Fit, root_mean_square};
 pub use points::{BasisValues, EvaluateBasis, FitPoints};
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{InlierPosterior, Loss, Robust};

@@ -11,10 +11,6 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use std::sync::Arc;
 
-/// Depths are clamped to the range of the observations, widened by this factor at both ends. It is relative,
-/// so that scaling the observations scales the result.
-pub const RANGE: f32 = 10.0;
-
 /// The outcome of a fit.
 #[derive(Clone, Debug)]
 pub struct Fit {

@@ -33,8 +33,8 @@ pub(crate) fn read_array(path: &Path) -> Result<Raster> {
 pub struct NumberList {
     /// The numbers, in order.
     pub values: Vec<f32>,
-    /// Whether they are stored as integers.
-    pub integers: bool,
+    /// The stored type.
+    pub numbers: NumberType,
 }
 
 /// Parses a list from the bytes of the `.npy` file `name` in the archive at `path`.
@@ -67,17 +67,14 @@ pub(super) fn parse_list(path: &Path, name: &str, bytes: &[u8]) -> Result<Number
         return Err(Error::format(path, what).hint("the file is cut off; write it again"));
     }
     let element = element.to_string();
-    let kind = kind(&element);
-    if kind.starts_with('b') {
+    let numbers = number_type(&element);
+    if numbers == NumberType::Booleans {
         return Err(wrong(&element));
     }
     let values = decode(npy, &element)
         .map_err(|e| Error::format(path, format!("`{name}` is damaged")).because(e))?
         .ok_or_else(|| wrong(&element))?;
-    Ok(NumberList {
-        values,
-        integers: kind.starts_with(['i', 'u']),
-    })
+    Ok(NumberList { values, numbers })
 }
 
 /// Parses an array from the bytes of an `.npy` file, which may be in the archive at `path`.
@@ -128,15 +125,19 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
     } else {
         stored
     };
-    let (kind, length) = kind(&element).split_at(1);
+    let numbers = number_type(&element);
+    Ok(Raster::new((columns, rows), values, numbers))
+}
+
+fn number_type(element: &str) -> NumberType {
+    let (kind, length) = kind(element).split_at(1);
     let bits = 8 * length.parse().unwrap_or(1);
-    let numbers = match kind {
+    match kind {
         "b" => NumberType::Booleans,
         "u" => NumberType::unsigned(bits),
         "i" => NumberType::signed(bits),
         _ => NumberType::Floats,
-    };
-    Ok(Raster::new((columns, rows), values, numbers))
+    }
 }
 
 /// Reads the header of an array; the error contains the one of npyz, if any.

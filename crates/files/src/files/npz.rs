@@ -1,9 +1,10 @@
 //! NumPy `.npz` archives: ZIP files of `.npy` arrays.
 
 use super::npy::{NumberList, encode, parse, parse_list};
+use super::table::{ColumnMeaning, PointTable, TableRow};
 use super::{LARGEST, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
-use crate::checks::{Warning, depth_array, name_warning, quoted};
+use crate::checks::{NumberType, Warning, depth_array, name_warning, quoted};
 use crate::error::{Cause, Error, Result};
 use crate::raster::Raster;
 use std::fs::File;
@@ -92,6 +93,41 @@ pub fn read_npz_lists<const N: usize>(
     Ok(lists)
 }
 
+/// Reads a table of points from the lists `u`, `v` and `depth`, and `sigma` if it is there; `None` for other archives.
+pub(crate) fn read_npz_table(path: &Path) -> Result<Option<(PointTable, NumberType)>> {
+    let [Some(u), Some(v)] = read_npz_lists(path, ["u", "v"])? else {
+        return Ok(None);
+    };
+    let [depth, sigma] = read_npz_lists(path, ["depth", "sigma"])?;
+    let Some(depth) = depth else {
+        return Err(Error::format(path, "has `u` and `v`, but no `depth`"));
+    };
+    let count = u.values.len();
+    let lists = [
+        ("v", Some(&v)),
+        ("depth", Some(&depth)),
+        ("sigma", sigma.as_ref()),
+    ];
+    for (name, list) in lists {
+        let length = list.map_or(count, |list| list.values.len());
+        if length != count {
+            let what = format!("`{name}` has {length} values, but `u` has {count}");
+            return Err(Error::format(path, what));
+        }
+    }
+    let row = |number: usize| TableRow {
+        number,
+        values: [&u, &v, &depth].map(|list| f64::from(list.values[number])),
+        fourth: sigma.as_ref().map(|sigma| f64::from(sigma.values[number])),
+    };
+    let table = PointTable {
+        columns: ColumnMeaning::Pixels,
+        rows: (0..count).map(row).collect(),
+        row: "entry",
+    };
+    Ok(Some((table, depth.numbers)))
+}
+
 /// Reads the depths of an archive, and their standard deviations if it has them.
 pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let mut arrays = Arrays::open(path)?;
@@ -147,6 +183,7 @@ pub fn encode_npz(maps: &[(&str, &DepthMap)]) -> Result<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Sparse, Unit};
     use npyz::WriterBuilder as _;
     use std::io::Write;
 
@@ -174,6 +211,7 @@ mod tests {
         writer.finish().unwrap();
     }
 
+    #[derive(Clone, Copy)]
     enum Values {
         Floats(&'static [f32]),
         Integers(&'static [i16]),
@@ -190,11 +228,62 @@ mod tests {
         let [u, ring, v] = read_npz_lists(file.path(), ["u", "ring", "v"]).unwrap();
         let (u, ring) = (u.unwrap(), ring.unwrap());
         assert_eq!(
-            (u.values, u.integers),
-            (vec![0.5, -2.0, f32::INFINITY], false)
+            (u.values, u.numbers),
+            (vec![0.5, -2.0, f32::INFINITY], NumberType::Floats)
         );
-        assert_eq!((ring.values, ring.integers), (vec![-1.0, 0.0, 31.0], true));
+        assert_eq!(
+            (ring.values, ring.numbers),
+            (vec![-1.0, 0.0, 31.0], NumberType::signed(16))
+        );
         assert!(v.is_none());
+    }
+
+    #[test]
+    fn lists_of_positions_and_depths_are_points() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scan_points.npz");
+        let read = |arrays: &[(&str, &[u64], Values)]| {
+            std::fs::copy(archive(arrays).path(), &path).unwrap();
+            Sparse::read(&path, None, None, (40, 30))
+        };
+        let (u, v) = (Floats(&[3.25, 39.0, 50.0]), Floats(&[0.0, 29.25, 1.0]));
+        let (ring, sigma) = (Integers(&[-1, 0, 31]), Floats(&[0.5, 0.25, 1.0]));
+        let arrays = |depth| [("u", u), ("v", v), ("depth", depth), ("ring", ring)];
+        let found = |points: &Sparse| -> Vec<_> {
+            let points = points.points.iter();
+            points.map(|p| (p.u, p.v, p.depth, p.sigma)).collect()
+        };
+        let metres = arrays(Floats(&[7.0, 80.0, 9.0])).map(|(name, list)| (name, &[3][..], list));
+        let points = read(&metres).unwrap();
+        assert_eq!((points.outside, points.unit), (1, Unit::METRE));
+        assert_eq!(
+            found(&points),
+            [(3.25, 0.0, 7.0, None), (39.0, 29.25, 80.0, None)]
+        );
+        let millimetres = arrays(Integers(&[7000, 8000, 9000]));
+        let mut millimetres = millimetres
+            .map(|(name, list)| (name, &[3][..], list))
+            .to_vec();
+        millimetres.push(("sigma", &[3], sigma));
+        let points = read(&millimetres).unwrap();
+        let expected = [
+            (3.25, 0.0, 7.0, Some(5e-4)),
+            (39.0, 29.25, 8.0, Some(2.5e-4)),
+        ];
+        assert_eq!(found(&points), expected);
+
+        let short = [
+            ("u", &[3][..], u),
+            ("v", &[3], v),
+            ("depth", &[1], Floats(&[7.0])),
+        ];
+        let error = read(&short).unwrap_err().to_string();
+        assert!(
+            error.contains("`depth` has 1 values, but `u` has 3"),
+            "{error}"
+        );
+        let error = read(&short[..2]).unwrap_err().to_string();
+        assert!(error.contains("no `depth`"), "{error}");
     }
 
     #[test]

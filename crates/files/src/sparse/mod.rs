@@ -28,7 +28,7 @@ impl Sparse {
     ///
     /// - Maps of the image's shape, at any resolution: `png`, `pgm`, `npy`, `npz`, `tiff`, `exr`, `pfm`, `h5`.
     /// - Tables, `csv`, `txt` and arrays `[points, 3 or 4]`: of `u, v, depth[, sigma]`, u and v in pixels from the centre of
-    ///   the first, or of x, y, z. Names in the first line decide which. Without names the columns are x, y, z if there is a
+    ///   the first, or of x, y, z. Names in the first line decide which. `npz` may have lists `u`, `v`, `depth` and `sigma`. Without names the columns are x, y, z if there is a
     ///   camera and most points cannot be pixels, or pixels if the points are spread over the image. Ambiguous tables are
     ///   rejected.
     /// - Clouds, which need the camera of the upright image: `ply`, `pcd`, `las`, `laz`, `xyz`, `bin`.

@@ -126,7 +126,7 @@ fn images_of_any_size_become_guides() {
     let guide = network.predict(&image, 252).unwrap();
     assert_eq!((guide.height(), guide.width()), size);
     assert_eq!(guide.missing(), 0);
-    let direct = crate::DepthGuide::new(GuideKind::Disparity, size.1, size.0, &values).unwrap();
+    let direct = crate::DepthGuide::with_sky(size.1, size.0, &values).unwrap();
     let places = [[0.0, 0.0], [31.5, 20.0]];
     assert_eq!(guide.at((48, 64), &places), direct.at((48, 64), &places));
 

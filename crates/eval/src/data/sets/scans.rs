@@ -3,6 +3,7 @@
 
 use super::listing::files_below;
 use crate::data::{Dataset, DepthMap, Environment, Frame, FrameId, read_upright};
+use lsdc_files::checks::NumberType;
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{NumberList, has_ending, image_size, read_npz_lists};
 use rayon::prelude::*;
@@ -177,7 +178,10 @@ impl Returns {
                 return Err(Error::format(path, what).hint("save one of each for each return"));
             }
         }
-        if ring.as_ref().is_some_and(|ring| !ring.integers) {
+        if ring
+            .as_ref()
+            .is_some_and(|ring| ring.numbers == NumberType::Floats)
+        {
             return Err(
                 Error::format(path, "has rings that are no integers").hint("save `ring` as int16")
             );
