@@ -159,6 +159,8 @@ def test_intervals(completion):
     assert_allclose(completion.interval(0.682689), 1.0, rtol=1e-3)
     assert completion.interval(0.95) > completion.interval(0.9) > 1
     assert completion.freedom is None or completion.freedom > 0
+    # Depth Anything predicted no guide.
+    assert completion.sky_pixels == 0
     for level in (0, 1, 2, float("nan")):
         with pytest.raises(lsdc.SettingsError):
             completion.interval(level)

@@ -75,6 +75,9 @@ typedef struct lsdc_completer_options {
     lsdc_fit fit;
     /// How the influence of outliers is limited.
     lsdc_robust robust;
+    /// Size of the image that the encoder of "anything" reads: the shorter side of one of 4:3 with as many pixels, from 252 to
+    /// 518. 0 means 336, with which it was trained. Other weights take 0 only.
+    size_t encoder_side;
 } lsdc_completer_options;
 
 /// The order and type of the colours of a pixel: one of the constants `LSDC_...8` and `LSDC_...F32`.
@@ -218,9 +221,10 @@ typedef struct lsdc_report {
     double lambda;
     /// Trust in the guide, 0 if the points do not support it; NaN if there was none.
     double guide_trust;
-    /// Lower limit to which depths are clamped: a tenth of the smallest given depth.
+    /// Lower limit of depths: a tenth of the smallest given depth. Below 0.7 times the smallest, the fitted depth is continued
+    /// linearly in inverse depth.
     double lowest;
-    /// Upper limit to which depths are clamped: ten times the largest given depth.
+    /// Upper limit of depths: ten times the largest given depth.
     double highest;
     /// Run time of the network in seconds.
     double network_seconds;

@@ -345,7 +345,7 @@ fn a_pixel_counts_as_clamped_if_either_fit_clamps_it() {
     });
     frame.points = points.collect();
     let all = frame.completed(&COMPLETER.with_fit(FitConfig::default()));
-    let is_clamped = |depth: f32| depth < 0.7 || depth >= 200.0;
+    let is_clamped = |depth: f32| !(0.7..200.0).contains(&depth);
     let clamped = |depths: &[f32]| depths.iter().filter(|&&depth| is_clamped(depth)).count();
     for (width, height) in [frame.size, (50, 40)] {
         let maps = all

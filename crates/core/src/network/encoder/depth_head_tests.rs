@@ -1,7 +1,7 @@
 use super::tests::depth_anything::{WIDTH, encoder_weights, head_weights, network, sines};
 use super::tests::tiny;
 use super::*;
-use crate::{Channels, DepthAnything, GuideKind, Image};
+use crate::{Channels, DepthAnything, Image};
 use serde::Deserialize;
 use std::sync::Arc;
 
