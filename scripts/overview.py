@@ -46,7 +46,7 @@ def panel(pixels: np.ndarray) -> Image.Image:
 
 def sheet(rgb: np.ndarray, points: list[tuple[float, float, float]], depth: np.ndarray, sigma: np.ndarray,
           unit: str) -> Image.Image:
-    """Four panels: image, points (x, y, depth), depth, standard deviation; pixels as uncertain as far are grey."""
+    """Four panels: image, points (x, y, depth), depth, standard deviation; pixels whose standard deviation is at least their depth are grey."""
     known = sigma < depth
     low, high = np.quantile(depth[known], [0.01, 0.99])
     most = np.quantile(sigma[known], 0.95)
