@@ -314,3 +314,39 @@ fn the_sky_of_a_predicted_guide_is_not_measured() {
     }
     assert_eq!(sky, SKY * WIDTH - measured);
 }
+
+/// The points determine depth as the guide minus 1, which is below 0 at the lower border, in front of all of them.
+#[test]
+fn in_front_of_all_points_depths_stay_positive_and_are_uncertain() {
+    let slope: Vec<f32> = (0..WIDTH * HEIGHT)
+        .map(|pixel| 8.0 - 0.1 * (pixel / WIDTH) as f32)
+        .collect();
+    let guide = DepthGuide::new(GuideKind::Depth, WIDTH, HEIGHT, &slope).unwrap();
+    let mut points = Observations::new();
+    for i in 0..80 {
+        let (x, y) = (i * 37 % WIDTH, i * 23 % 50);
+        points.add(x as f64, y as f64, slope[y * WIDTH] - 1.0);
+    }
+    let nearest = slope[49 * WIDTH] - 1.0;
+    let completer = Completer::without_network(FitConfig::default()).unwrap();
+    let grey = vec![128_u8; 3 * WIDTH * HEIGHT];
+    let image = Image::new(WIDTH, HEIGHT, Channels::Rgb, &grey).unwrap();
+    let scene = completer.guided_scene(&image, &guide).unwrap();
+    let completion = scene.complete(&points).unwrap();
+    let (map, deviations) = (
+        completion.depth().unwrap(),
+        completion.standard_deviation().unwrap(),
+    );
+    let near = 0.7 * nearest;
+    let pairs = map.values().iter().zip(deviations.values());
+    let in_front: Vec<_> = pairs.filter(|(depth, _)| **depth < near).collect();
+    assert!(in_front.len() > 5 * WIDTH, "{}", in_front.len());
+    assert_eq!(completion.clamped_pixels(&map), in_front.len());
+    for (&depth, &deviation) in in_front {
+        assert!(depth > 0.11 * nearest, "{depth}");
+        assert!(
+            deviation >= 0.999 * (near - depth).powi(2) / depth,
+            "{depth}, {deviation}"
+        );
+    }
+}

@@ -93,12 +93,14 @@ pub fn read_npz_lists<const N: usize>(
     Ok(lists)
 }
 
-/// Reads a table of points from the lists `u`, `v` and `depth`, and `sigma` if it is there; `None` for other archives.
+/// Reads a table of points from the lists `u`, `v` and `depth`, and `sigma` or `std` if it is there; `None` for other archives.
 pub(crate) fn read_npz_table(path: &Path) -> Result<Option<(PointTable, NumberType)>> {
     let [Some(u), Some(v)] = read_npz_lists(path, ["u", "v"])? else {
         return Ok(None);
     };
-    let [depth, sigma] = read_npz_lists(path, ["depth", "sigma"])?;
+    let [depth] = read_npz_lists(path, ["depth"])?;
+    let [sigma, std] = read_npz_lists(path, SIGMAS)?;
+    let sigma = sigma.or(std);
     let Some(depth) = depth else {
         return Err(Error::format(path, "has `u` and `v`, but no `depth`"));
     };
@@ -264,7 +266,7 @@ mod tests {
         let mut millimetres = millimetres
             .map(|(name, list)| (name, &[3][..], list))
             .to_vec();
-        millimetres.push(("sigma", &[3], sigma));
+        millimetres.push(("std", &[3], sigma));
         let points = read(&millimetres).unwrap();
         let expected = [
             (3.25, 0.0, 7.0, Some(5e-4)),
