@@ -3,13 +3,16 @@
 
     git clone https://github.com/mapillary/OpenSfM
     cp -r OpenSfM/data/lund/images street/images
-    colmap feature_extractor --database_path street/db --image_path street/images --ImageReader.single_camera 1
+    colmap feature_extractor --database_path street/db --image_path street/images --ImageReader.single_camera 1 \\
+        --ImageReader.camera_params 995,512,384,0
     colmap sequential_matcher --database_path street/db
-    colmap mapper --database_path street/db --image_path street/images --output_path street
+    colmap mapper --database_path street/db --image_path street/images --output_path street \\
+        --Mapper.ba_refine_focal_length 0 --Mapper.init_min_tri_angle 4 --Mapper.init_max_forward_motion 0.999
     colmap model_converter --input_path street/0 --output_path street/0 --output_type TXT
     python3 scripts/street.py street/images/05.jpg street/0 street.jpg [--program lsdc]
 
-Needs COLMAP, numpy, Pillow, and the weights `anything`. Lengths are in the unit of the model.
+The focal length is that of the EXIF data. Needs COLMAP, numpy, Pillow, and the weights `anything`. Lengths are in the unit of
+the model.
 """
 
 import argparse

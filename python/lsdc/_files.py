@@ -106,7 +106,8 @@ class Colmap(Unpicklable):
         """The names of the images, and their widths and heights in the model."""
 
     def points(self, name: str, *, size: Size | None = None, exif: int = 1) -> NDArray[np.float64]:
-        """Returns the points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`.
+        """Returns the points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`. Points that
+        their images do not determine have a sigma of NaN.
 
         Parameters
         ----------

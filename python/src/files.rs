@@ -81,7 +81,8 @@ pub(crate) fn read_points<'py>(
         Ok(found)
     };
     let found = py.detach(read).map_err(|e| raised_by_file(py, &e))?;
-    points(py, found)
+    let certain = found.points.iter().any(|point| point.sigma.is_some());
+    points(py, found, certain)
 }
 
 /// A COLMAP model.
@@ -126,13 +127,12 @@ impl Colmap {
         let image = Orientation::new(size.unwrap_or(view.size), exif);
         let found = py.detach(|| Sparse::of_view(view, image, None));
         let found = found.map_err(|e| raised_by_file(py, &e))?;
-        points(py, found)
+        points(py, found, true)
     }
 }
 
-/// Converts points to rows. Missing standard deviations are NaN if other points have one.
-fn points(py: Python<'_>, found: Sparse) -> PyResult<Points<'_>> {
-    let certain = found.points.iter().any(|point| point.sigma.is_some());
+/// Converts points to rows, with standard deviations if `certain`. Missing ones are NaN.
+fn points(py: Python<'_>, found: Sparse, certain: bool) -> PyResult<Points<'_>> {
     let row = |point: &Observation| {
         let known = [point.u, point.v, f64::from(point.depth)];
         let sigma = point.sigma.map_or(f64::NAN, f64::from);

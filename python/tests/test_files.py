@@ -96,11 +96,11 @@ def test_remarks_reach_whoever_completes_a_path(scene, sparse, tmp_path):
 
 @pytest.fixture
 def model(tmp_path):
-    """A folder of a model with an image of 64x48."""
+    """A folder of a model with an image of 64x48. The second camera, 0.5 to the right, sees the first point, too."""
     files = {
         "cameras": "1 PINHOLE 64 48 100 100 32 24\n",
-        "images": "1 1 0 0 0 0 0 0 1 a/left.png\n32 24 7 37 14 8 60 5 9\n",
-        "points3D": "7 0 0 2 0 0 0 0.5 1 0\n8 0.1 0 2 0 0 0 0.5 1 1\n9 0 0 -1 0 0 0 0.5 1 2\n",
+        "images": "1 1 0 0 0 0 0 0 1 a/left.png\n32 24 7 37 14 8 60 5 9\n2 1 0 0 0 -0.5 0 0 1 b/right.png\n7 24 7\n",
+        "points3D": "7 0 0 2 0 0 0 0.1 1 0 2 0\n8 0.1 0 2 0 0 0 0.5 1 1\n9 0 0 -1 0 0 0 0.5 1 2\n",
     }
     for name, text in files.items():
         (tmp_path / f"{name}.txt").write_text(text)
@@ -110,11 +110,13 @@ def model(tmp_path):
 def test_models_of_colmap(model):
     files = {path.name: path.read_bytes() for path in model.iterdir()}
     for found in (lsdc.Colmap(model), lsdc.Colmap("s3://bucket/model", files=files)):
-        assert found.images == {"a/left.png": (64, 48)}
+        assert found.images == {"a/left.png": (64, 48), "b/right.png": (64, 48)}
         with pytest.warns(lsdc.FileWarning, match="left.png: points left out: 1 without a usable depth"):
             points = found.points("a/left.png")
-        # COLMAP's origin is the corner of the first pixel. The reprojection error is half a pixel at a focal length of 100.
-        np.testing.assert_allclose(points, [[31.5, 23.5, 2, 0.01], [36.5, 13.5, 2, 0.01]], rtol=1e-6)
+        # COLMAP's origin is the corner of the first pixel. A point in one image has no standard deviation.
+        np.testing.assert_allclose(points[:, :3], [[31.5, 23.5, 2], [36.5, 13.5, 2]], rtol=1e-6)
+        # As a stereo camera with a baseline of 0.5, a focal length of 100 and 0.3 pixels.
+        np.testing.assert_allclose(points[:, 3], [2**2 * 2**0.5 * 0.3 / (100 * 0.5), np.nan], rtol=1e-4)
         with pytest.raises(lsdc.InputError, match="no image `b`"):
             found.points("b")
     with pytest.raises(lsdc.ReadError, match="s3://bucket/model/images.txt"):

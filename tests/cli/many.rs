@@ -120,7 +120,7 @@ fn every_image_of_a_colmap_model_is_completed() {
         points.push(format!("{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0"));
     }
     let seen = seen.join(" ");
-    let images = format!("1 1 0 0 0 0 0 0 1 a.png\n{seen}\n2 1 0 0 0 0 0 0 1 ../a.png\n\n");
+    let images = format!("1 1 0 0 0 0 0 0 1 a.png\n{seen}\n2 1 0 0 0 -0.5 0 0 1 ../a.png\n\n");
     std::fs::write(at("model/images.txt"), images).unwrap();
     std::fs::write(at("model/points3D.txt"), points.join("\n")).unwrap();
     let run = lsdc(folder.path())
@@ -150,7 +150,7 @@ fn every_image_of_a_colmap_model_is_completed() {
         ],
     );
     let found = read_npy(&at("out/a_depth.npy"), 1.0).unwrap();
-    // Errors grow with the depth, so far points have less weight than in a map without standard deviations.
+    // Errors grow with the square of the depth, so far points have less weight than in a map without standard deviations.
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
     let pairs = found.values().iter().zip(truth.values());
     let rel: f32 = pairs.map(|(a, b)| (a - b).abs() / b).sum();

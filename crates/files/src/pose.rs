@@ -51,12 +51,7 @@ impl Pose {
             }
         }
         let [x, y, z] = rotation;
-        let cross = [
-            x[1] * y[2] - x[2] * y[1],
-            x[2] * y[0] - x[0] * y[2],
-            x[0] * y[1] - x[1] * y[0],
-        ];
-        if dot(cross, z) < 0.0 {
+        if dot(cross(x, y), z) < 0.0 {
             return Err("has a pose that mirrors the world: its axes are left-handed".to_owned());
         }
         Ok(Self {
@@ -95,6 +90,14 @@ impl Pose {
 
 pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 /// Returns the rotation matrix, row by row, of a quaternion x, y, z, w of length 1.

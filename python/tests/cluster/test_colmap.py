@@ -27,11 +27,11 @@ def scene(tmp_path):
     z[7] = -1
     error, others = rng.uniform(0.1, 1, 300), rng.integers(1, 6, 300)
     rows = np.column_stack([(x - 32) / 50 * z, (y - 24) / 50 * z, z, np.zeros((300, 3)), error])
-    points = [f"{i} {' '.join(map(str, row))} {'1 0 ' * n}" for i, (row, n) in enumerate(zip(rows.tolist(), others))]
+    points = [f"{i} {' '.join(map(str, row))} {'1 0 2 0 ' * n}" for i, (row, n) in enumerate(zip(rows.tolist(), others))]
     seen = " ".join(f"{a} {b} {i}" for i, (a, b) in enumerate(zip(x.tolist(), y.tolist())))
     files = {
         "sparse/0/cameras.txt": b"1 PINHOLE 64 48 50 50 32 24\n",
-        "sparse/0/images.txt": f"1 1 0 0 0 0 0 0 1 views/a.png\n{seen}\n2 1 0 0 0 0 0 0 1 missing.png\n\n".encode(),
+        "sparse/0/images.txt": f"1 1 0 0 0 0 0 0 1 views/a.png\n{seen}\n2 1 0 0 0 -0.2 0 0 1 missing.png\n\n".encode(),
         "sparse/0/points3D.txt": "\n".join(points).encode(),
         # Twice as large as in the model.
         "images/views/a.png": as_png(np.kron(frame(3)[0], np.ones((2, 2, 1), np.uint8))),

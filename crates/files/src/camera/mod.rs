@@ -96,12 +96,6 @@ impl Camera {
         }
     }
 
-    /// Returns the focal length in pixels, the mean of both axes.
-    pub(super) fn focal(&self) -> f64 {
-        let [fx, fy] = self.optics.focal();
-        f64::midpoint(fx, fy)
-    }
-
     /// Returns the camera in a world with another unit: coordinates are multiplied by `factor`.
     pub(super) fn in_unit(self, factor: f64) -> Self {
         let (rotation, translation) = self.optics.pose();

@@ -107,14 +107,19 @@ pub(super) fn landmarks(bytes: &[u8]) -> Parsed<HashMap<u64, Landmark>> {
         // The colour of the point.
         bytes.skip(3)?;
         let error = bytes.f64()?;
-        let track = bytes.count(8)?;
-        bytes.skip(8 * track)?;
+        let count = bytes.count(8)?;
+        let mut images = Vec::with_capacity(count);
+        for _ in 0..count {
+            images.push(bytes.u32()?.into());
+            // The index of the keypoint.
+            bytes.skip(4)?;
+        }
         landmarks.insert(
             id,
             Landmark {
                 position,
                 error,
-                track,
+                images,
             },
         );
     }

@@ -7,8 +7,6 @@ use lsdc_core::Lens;
 /// A record of `cameras`.
 pub(super) struct CameraRecord {
     pub(super) size: (u64, u64),
-    /// Focal length in pixels.
-    pub(super) focal: f64,
     /// `None` for the field-of-view, thin-prism, division and EUCM models.
     pub(super) camera: Option<Camera>,
 }
@@ -91,14 +89,10 @@ impl CameraRecord {
                 "a camera {model} has {} parameters, expected {count}",
                 parameters.len()
             )),
-            (_, [focal, ..]) if *focal > 0.0 && focal.is_finite() => {
-                let camera = camera();
-                Ok(Self {
-                    size,
-                    focal: camera.as_ref().map_or(*focal, Camera::focal),
-                    camera,
-                })
-            }
+            (_, [focal, ..]) if *focal > 0.0 && focal.is_finite() => Ok(Self {
+                size,
+                camera: camera(),
+            }),
             _ => Err(format!("a camera {model} has no focal length")),
         }
     }

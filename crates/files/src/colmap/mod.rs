@@ -5,6 +5,7 @@ mod binary;
 mod calibration;
 mod records;
 mod text;
+mod triangulation;
 
 use super::{Camera, Orientation, Unit};
 use crate::error::{Error, Result};
@@ -14,6 +15,7 @@ use records::{ImageRecord, Landmark, Parsed, RigFrames, Rigs};
 use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::Path;
+use triangulation::{CENTRE, Covariance, covariance, depth_deviation};
 
 /// A sparse model.
 #[derive(Clone, Debug)]
@@ -31,7 +33,7 @@ pub struct View {
     pub size: (usize, usize),
     /// Points that the image sees.
     keypoints: Vec<Keypoint>,
-    /// Number of observations of points that are not in the model, or that are behind the camera.
+    /// Number of observations of points that are not in the model, or that are behind the camera or at its centre.
     pub ignored: usize,
     /// Camera at its pose, in the unit of the model, if its model is supported.
     pub camera: Option<Camera>,
@@ -45,9 +47,9 @@ pub(super) struct Keypoint {
     /// Column and row from the centre of the first pixel, as stored.
     pub(super) u: f64,
     pub(super) v: f64,
-    /// Depth and standard deviation in the unit of the model.
+    /// Depth in the unit of the model, and its standard deviation if it is known.
     pub(super) depth: f64,
-    pub(super) sigma: f64,
+    pub(super) sigma: Option<f64>,
     /// Identifier of the point.
     pub(super) id: u64,
 }
@@ -118,10 +120,16 @@ impl Colmap {
             BINARY => poses_in_text(ModelFile::read(folder, "images", TEXT, &file)?),
             _ => HashMap::new(),
         };
+        let cameras = images.iter().filter_map(|image| files.posed_camera(image));
+        let cameras = cameras.collect();
+        let landmarks = files.landmarks.iter();
+        let covariances =
+            landmarks.filter_map(|(&id, landmark)| Some((id, covariance(landmark, &cameras)?)));
+        let covariances = covariances.collect();
         let mut views = Vec::with_capacity(images.len());
         for image in images {
             let text_pose = text_poses.get(&image.name);
-            views.push(files.view(folder, image, text_pose)?);
+            views.push(files.view(folder, image, text_pose, &covariances)?);
         }
         views.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(Self { views })
@@ -169,12 +177,7 @@ impl ModelFiles {
                 ));
             }
         };
-        let rig_pose = || {
-            let (camera, rig_pose) = self.frames.as_ref()?.get(&image.id)?;
-            let camera_pose = self.rigs.as_ref()?.get(camera).copied()??;
-            Some(camera_pose.after(*rig_pose))
-        };
-        let rig_pose = rig_pose();
+        let rig_pose = self.rig_pose(image);
         if let Some(pose) = rig_pose {
             compare(pose, "its frame and rig", image.pose, "the file of images");
         }
@@ -187,6 +190,20 @@ impl ModelFiles {
             );
         }
         (rig_pose.unwrap_or(image.pose), remarks)
+    }
+
+    /// Returns the pose of an image that its frame and rig give.
+    fn rig_pose(&self, image: &ImageRecord) -> Option<Pose> {
+        let (camera, rig_pose) = self.frames.as_ref()?.get(&image.id)?;
+        let camera_pose = self.rigs.as_ref()?.get(camera).copied()??;
+        Some(camera_pose.after(*rig_pose))
+    }
+
+    /// Returns the identifier of an image and its camera at its pose, if the model of the camera is supported.
+    fn posed_camera(&self, image: &ImageRecord) -> Option<(u64, Camera)> {
+        let camera = self.cameras.get(&image.camera)?.camera.clone()?;
+        let pose = self.rig_pose(image).unwrap_or(image.pose);
+        Some((image.id, camera.with_pose(pose.rotation, pose.translation)))
     }
 
     /// Returns a remark if the median reprojection error is large, which means that cameras, poses and keypoints do not
@@ -212,7 +229,13 @@ impl ModelFiles {
         })
     }
 
-    fn view(&self, folder: &Path, image: ImageRecord, text_pose: Option<&Pose>) -> Result<View> {
+    fn view(
+        &self,
+        folder: &Path,
+        image: ImageRecord,
+        text_pose: Option<&Pose>,
+        covariances: &HashMap<u64, Covariance>,
+    ) -> Result<View> {
         let camera = self.cameras.get(&image.camera).ok_or_else(|| {
             Error::format(
                 folder,
@@ -234,10 +257,18 @@ impl ModelFiles {
                     u: u - 0.5,
                     v: v - 0.5,
                     depth,
-                    sigma: standard_deviation(depth, landmark, camera.focal),
+                    sigma: covariances
+                        .get(point)
+                        .and_then(|covariance| depth_deviation(covariance, row, depth)),
                     id: *point,
                 });
             }
+        }
+        let mut depths: Vec<f64> = keypoints.iter().map(|point| point.depth).collect();
+        if !depths.is_empty() {
+            let middle = depths.len() / 2;
+            let median = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+            keypoints.retain(|point| point.depth > CENTRE * median);
         }
         let size = [camera.size.0, camera.size.1].map(usize::try_from);
         let [Ok(width), Ok(height)] = size else {
@@ -262,15 +293,6 @@ impl ModelFiles {
             remarks,
         })
     }
-}
-
-/// Returns the standard deviation of a depth up to a common factor: the reprojection error at that depth, averaged over the
-/// images that see the point.
-fn standard_deviation(depth: f64, landmark: &Landmark, focal: f64) -> f64 {
-    /// Lower bound: errors below this are chance, since no corner is located more precisely.
-    const LEAST: f64 = 0.3;
-    let error = landmark.error.max(LEAST);
-    depth * error / (focal.max(1.0) * (landmark.track.max(2) as f64 - 1.0).sqrt())
 }
 
 /// Extensions of the two forms of a model.

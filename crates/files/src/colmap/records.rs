@@ -21,8 +21,8 @@ pub(super) struct Landmark {
     pub(super) position: [f64; 3],
     /// Mean reprojection error in pixels.
     pub(super) error: f64,
-    /// Number of images that see the point.
-    pub(super) track: usize,
+    /// Identifiers of the images that see the point.
+    pub(super) images: Vec<u64>,
 }
 
 /// Poses of the cameras of rigs (COLMAP 3.12 and later), by rig and camera; `None` if unknown.

@@ -121,13 +121,18 @@ pub(super) fn landmarks(text: &str) -> Parsed<HashMap<u64, Landmark>> {
         }
         (0..3).for_each(|_| fields.skip());
         let error = fields.next("an error")?;
-        let track = fields.count() / 2;
+        let mut images = Vec::new();
+        while !fields.is_over() {
+            images.push(fields.next("an image")?);
+            // The index of the keypoint.
+            fields.skip();
+        }
         landmarks.insert(
             id,
             Landmark {
                 position,
                 error,
-                track,
+                images,
             },
         );
     }
@@ -186,11 +191,6 @@ impl<'a> Fields<'a> {
 
     fn is_over(&self) -> bool {
         self.rest.is_empty()
-    }
-
-    /// Number of remaining fields.
-    fn count(&self) -> usize {
-        self.rest.split_whitespace().count()
     }
 
     /// Returns the rest of the line, because names may contain spaces.

@@ -109,8 +109,9 @@ impl Sparse {
         let mut points = SparseBuilder::new(image.upright());
         for (number, point) in view.keypoints().iter().enumerate() {
             let position = in_image([point.u, point.v], view.size, &image, !as_stored);
-            let [depth, sigma] = [point.depth, point.sigma].map(|v| v * unit.metres());
-            points.add_identified(position, depth, Some(sigma), (number, point.id));
+            let depth = point.depth * unit.metres();
+            let sigma = point.sigma.map(|sigma| sigma * unit.metres());
+            points.add_identified(position, depth, sigma, (number, point.id));
         }
         points.ignored += view.ignored;
         if points.found.is_empty() {
