@@ -126,9 +126,8 @@ pub(super) fn stack_many(
         field,
         share: OF_MANY,
     };
-    let inside = surface.inside();
-    let everywhere = inside.map(|found| found.map(|(depth, _)| (depth, 1.0)));
-    (stack.map(&functions, everywhere), stack)
+    let size = smoothness.affinities.size();
+    (stack.map(&functions, surface.up_to_outline(size)), stack)
 }
 
 /// Returns the weighted sum of basis functions at every pixel. Observations span a surface only if the functions are known

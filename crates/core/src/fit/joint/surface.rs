@@ -62,6 +62,8 @@ pub(super) struct Surface {
     beyond: f64,
     /// The mean depth of the observations.
     mean: f64,
+    /// The usual width of a gap between observations, in pixels.
+    usual_gap: f64,
 }
 
 /// The prediction of an observation by the surface of the others.
@@ -90,8 +92,9 @@ impl Surface {
             within: basis_weight(WITHIN, depths.len()),
             beyond: basis_weight(BEYOND, depths.len()),
             mean: depths.iter().sum::<f64>() / depths.len() as f64,
+            usual_gap: mesh.usual_gap(),
         };
-        let wide = GAP * mesh.usual_gap();
+        let wide = GAP * found.usual_gap;
         let narrow = |gap: f64| 1.0 / (1.0 + (gap / wide).powi(2));
         let triangles = mesh.planes.iter().zip(&mesh.confidence).zip(&mesh.gaps);
         for ((plane, confidence), gap) in triangles {
@@ -123,6 +126,22 @@ impl Surface {
         let pixels = self.depths.iter().zip(&self.narrow).zip(&self.confidence);
         pixels.map(|((depth, narrow), confidence)| {
             (!confidence.is_nan()).then_some((*depth, *narrow))
+        })
+    }
+
+    /// Returns the depth at every pixel of a grid of `size`, with a share that rises from 0 at the outline of the triangulation to
+    /// 1 within the usual gap; `None` outside.
+    pub(super) fn up_to_outline(
+        &self,
+        size: (usize, usize),
+    ) -> impl Iterator<Item = Option<(f64, f64)>> {
+        let outside = self.confidence.iter();
+        let mut outside: Vec<f64> = outside.map(|c| f64::from(u8::from(c.is_nan()))).collect();
+        let distances = continue_outside(&mut outside, size);
+        let pixels = self.depths.iter().zip(distances).zip(&self.confidence);
+        pixels.map(|((depth, distance), confidence)| {
+            let share = (f64::from(distance) / self.usual_gap).min(1.0);
+            (!confidence.is_nan()).then_some((*depth, share))
         })
     }
 
@@ -634,6 +653,28 @@ mod tests {
     }
 
     #[test]
+    fn the_share_rises_from_the_outline_without_steps() {
+        let found = through(&places(60), slanted);
+        let shares: Vec<_> = found.up_to_outline(SIZE).collect();
+        let share = |x: usize, y: usize| shares[y * SIZE.1 + x].map_or(0.0, |(_, share)| share);
+        let step = 1.0 / found.usual_gap;
+        assert!(step < 0.5, "{step}");
+        for y in 0..SIZE.0 {
+            for x in 1..SIZE.1 {
+                assert!(
+                    (share(x, y) - share(x - 1, y)).abs() < step + 1e-6,
+                    "{x} {y}"
+                );
+                assert_eq!(
+                    share(x, y) > 0.0,
+                    !found.confidence[y * SIZE.1 + x].is_nan()
+                );
+            }
+        }
+        assert_eq!(share(SIZE.1 / 2, SIZE.0 / 2), 1.0);
+    }
+
+    #[test]
     fn gaps_are_wide_beside_the_usual_one() {
         // Squares of 4 pixels, with diagonals of 4 sqrt 2, in columns 0 to 96.
         let size = (80, 200);
@@ -799,15 +840,20 @@ mod tests {
             // The share of the way to the median of three maps.
             let depths: Vec<f64> = self.depths.iter().copied().map(f64::from).collect();
             let surface =
-                Surface::through(&self.places, &depths, &vec![1.0; depths.len()], self.size);
-            let surface: Vec<_> = surface.unwrap().inside().collect();
+                Surface::through(&self.places, &depths, &vec![1.0; depths.len()], self.size)
+                    .unwrap();
+            let surface: Vec<_> = if depths.len() > 1000 {
+                surface.up_to_outline(self.size).collect()
+            } else {
+                surface.inside().collect()
+            };
             let others = with(false).into_iter().zip(surface);
             let maps = with(true).into_iter().zip(others);
             let mixed = maps.map(|(joint, (alone, surface))| {
-                let Some((surface, narrow)) = surface else {
+                let Some((surface, share)) = surface else {
                     return joint;
                 };
-                let share = stacked.share * if depths.len() > 1000 { 1.0 } else { narrow };
+                let share = stacked.share * share;
                 let mut three = [joint, alone, surface];
                 three.sort_by(f64::total_cmp);
                 (1.0 - share) * joint + share * three[1]
