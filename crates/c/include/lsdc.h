@@ -241,6 +241,9 @@ typedef struct lsdc_report {
     /// Share of the median in the map: 0 is the joint fit, 1 the median of this fit, of the field alone, and of the surface
     /// spanned by the points; NaN for other fits, and for points that span no surface.
     double median_share;
+    /// Pixels that show sky without a point near, by the depth head of `anything`: their standard deviation is at least their
+    /// depth, whose value means nothing.
+    size_t sky_pixels;
 } lsdc_report;
 
 /// A point that is more likely an outlier than an inlier, judged by the other points.

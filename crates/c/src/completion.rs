@@ -71,6 +71,9 @@ pub struct lsdc_report {
     /// Share of the median in the map: 0 is the joint fit, 1 the median of this fit, of the field alone, and of the surface
     /// spanned by the points; NaN for other fits, and for points that span no surface.
     pub median_share: f64,
+    /// Pixels that show sky without a point near, by the depth head of `anything`: their standard deviation is at least their
+    /// depth, whose value means nothing.
+    pub sky_pixels: usize,
 }
 
 // SAFETY: it is `repr(C)`, begins with its size, and consists of numbers.
@@ -339,6 +342,7 @@ fn report_of(completion: &Completion) -> lsdc_report {
         fit: fit_of(report.method),
         reserved: 0,
         median_share: report.median_share.unwrap_or(f64::NAN),
+        sky_pixels: completion.sky_pixels(),
     }
 }
 

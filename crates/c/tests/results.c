@@ -161,6 +161,8 @@ static void layouts(void) {
     OK(lsdc_completion_report(made, &report));
     CHECK(marked > 0 && report.invalid == marked);
     CHECK(report.median_share >= 0.0 && report.median_share <= 1.0);
+    // Without the weights `anything`, nothing sees sky.
+    CHECK(report.sky_pixels == 0);
     OK(lsdc_completion_free(made));
 }
 

@@ -82,6 +82,8 @@ pub(crate) struct Facts {
     pub(crate) carried: Option<Carried>,
     /// Pixels beyond the range of 16-bit millimetres.
     pub(crate) beyond: usize,
+    /// Pixels of sky without a point, by the guide of `anything`.
+    pub(crate) sky: usize,
     /// Warnings about the frame.
     pub(crate) remarks: Vec<String>,
 }
@@ -200,6 +202,7 @@ impl Engine {
             outliers,
             carried,
             beyond,
+            sky: completion.sky_pixels(),
             remarks: frame.points.remarks,
         };
         Ok(Completed {

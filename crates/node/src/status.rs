@@ -152,6 +152,7 @@ impl NodeStatus {
             ("points left out by quality", self.facts.thinned as u64),
             ("points without a place", self.facts.unplaced as u64),
             ("pixels beyond 65.535 m", self.facts.beyond as u64),
+            ("pixels of sky without a point", self.facts.sky as u64),
             ("damaged messages of points", inputs.damaged_points),
             ("unusable messages of cameras", inputs.unusable_cameras),
             ("damaged transforms", inputs.unusable_transforms),
