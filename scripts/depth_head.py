@@ -17,6 +17,7 @@ Needs torch, transformers 5, safetensors, numpy and Pillow.
 """
 
 import argparse
+import math
 import os
 import random
 import time
@@ -160,7 +161,7 @@ def learn(net: DepthAnythingForDepthEstimation, frames: list[Path], args: argpar
     for step in range(first, args.steps):
         rng = random.Random(f"{args.seed} {step}")
         for group in optimiser.param_groups:
-            group["lr"] = args.rate * min(1, (step + 1) / 30) * 0.5 * (1 + np.cos(np.pi * step / args.steps))
+            group["lr"] = args.rate * min(1, (step + 1) / 30) * 0.5 * (1 + math.cos(math.pi * step / args.steps))
         optimiser.zero_grad()
         for frame in rng.sample(frames, args.batch):
             loss = loss_of(net, augmented(frame, rng))
@@ -205,7 +206,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("tensor.safetensors"))
     parser.add_argument("--steps", type=int, default=1500)
     parser.add_argument("--batch", type=int, default=2)
-    parser.add_argument("--rate", type=float, default=1e-3)
+    parser.add_argument("--rate", type=float, default=2.5e-4)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     net = network(args.encoder, args.head)

@@ -68,6 +68,13 @@ pub const HEAD_TENSOR: &str = "depth head";
 /// Licence of this tensor.
 pub const HEAD_LICENCE: &str = "MIT OR Apache-2.0";
 
+/// Name in [`named`] of weights like `anything` of the repository that are not built in: no tensor was trained on
+/// non-commercial data.
+pub const WITHOUT_NC: &str = "anything-without-nc";
+
+/// Contents of [`WITHOUT_NC`], a [`weights_hash`](crate::weights_hash).
+const WITHOUT_NC_CONTENTS: &str = "1953aca25b4117dd";
+
 /// Name of the pretrained encoder that weights may need ([`encoder_of`](crate::encoder_of)).
 const ENCODER: &str = "encoder";
 
@@ -88,7 +95,8 @@ struct KnownSet {
 static KNOWN_SETS: LazyLock<Vec<KnownSet>> =
     LazyLock::new(|| serde_json::from_str(include_str!("training_sets.json")).unwrap_or_default());
 
-/// Returns the training data of weights of the program by their name, or of [`HEAD_TENSOR`], the strictest licence first.
+/// Returns the training data of weights of the program by their name, of [`WITHOUT_NC`] or of [`HEAD_TENSOR`], the strictest
+/// licence first.
 pub fn named(weights: &str) -> Vec<TrainingSet> {
     let has = |names: &[String]| names.iter().any(|name| name == weights);
     let used = KNOWN_SETS.iter();
@@ -101,6 +109,21 @@ pub fn named(weights: &str) -> Vec<TrainingSet> {
         calibration_only: !has(&set.trained),
     })
     .collect()
+}
+
+/// Returns the licence of weights of the program or of [`WITHOUT_NC`] by their contents
+/// ([`weights_hash`](crate::weights_hash)), as an SPDX expression.
+pub fn licence_of(contents: &str) -> Option<&'static str> {
+    Some(known_with(contents)?.1)
+}
+
+/// Returns the name in [`named`] and the licence of weights with these contents.
+fn known_with(contents: &str) -> Option<(&'static str, &'static str)> {
+    if contents == WITHOUT_NC_CONTENTS {
+        return Some((WITHOUT_NC, "MIT OR Apache-2.0"));
+    }
+    let weights = embedded_with(contents)?;
+    Some((weights.name, weights.licence))
 }
 
 /// Returns the training data of weights by their contents ([`weights_hash`](crate::weights_hash)) and history, the
@@ -117,14 +140,14 @@ pub fn of(contents: &str, history: &[HistoryEntry], needs_encoder: bool) -> Vec<
 }
 
 fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]) {
-    if let Some(weights) = embedded_with(contents) {
-        add_named(sets, weights.name);
+    if let Some((name, _)) = known_with(contents) {
+        add_named(sets, name);
         return;
     }
     // The preceding entries are those of the weights of the program.
     let starts_known = |entry: &HistoryEntry| {
         let mut starts = entry.sources.iter().filter(|source| source.role == "start");
-        starts.any(|start| embedded_with(&start.contents).is_some())
+        starts.any(|start| known_with(&start.contents).is_some())
     };
     let first = history.iter().rposition(starts_known).unwrap_or(0);
     for (index, entry) in history.iter().enumerate().skip(first) {
@@ -139,7 +162,7 @@ fn collect(sets: &mut Vec<TrainingSet>, contents: &str, history: &[HistoryEntry]
             add_named(sets, ENCODER);
         }
         for source in &entry.sources {
-            let is_known = embedded_with(&source.contents).is_some();
+            let is_known = known_with(&source.contents).is_some();
             // The preceding entries are the history of later starts.
             let has_history = !source.history.is_empty() || (source.role == "start" && index > 0);
             if is_known || has_history {
@@ -258,7 +281,7 @@ mod tests {
         let sets = KNOWN_SETS.iter();
         assert!(sets.clone().map(|set| set.commercial_use).is_sorted());
         let built_in = embedded().iter().map(|weights| weights.name);
-        let all: Vec<&str> = built_in.chain([HEAD_TENSOR, ENCODER]).collect();
+        let all: Vec<&str> = built_in.chain([WITHOUT_NC, HEAD_TENSOR, ENCODER]).collect();
         for name in sets.flat_map(|set| set.trained.iter().chain(&set.calibrated)) {
             assert!(all.contains(&name.as_str()), "{name}");
         }
@@ -284,6 +307,23 @@ mod tests {
             assert_eq!(sets, named(weights.name));
         }
         assert!(named("huge").is_empty());
+    }
+
+    #[test]
+    fn one_file_was_trained_on_no_non_commercial_data() {
+        let file = format!(
+            "{}/../../assets/weights/{WITHOUT_NC}.safetensors",
+            env!("CARGO_MANIFEST_DIR")
+        );
+        let contents = contents(&file);
+        assert_eq!(licence_of(&contents), Some("MIT OR Apache-2.0"));
+        // Those of `anything` without RGB-D-D, Replica and GQ-CNN examples.
+        let sets = of(&contents, &[], true);
+        assert_eq!(sets.len(), 13 - 3);
+        assert_eq!(names(&sets, CommercialUse::No), ["KITTI"]);
+        assert!(sets[0].calibration_only);
+        let own = names(&sets, CommercialUse::Unclear);
+        assert!(own.contains(&"NYU Depth v2"));
     }
 
     #[test]

@@ -14,7 +14,7 @@ use lsdc_weights::training_sets::{self, HEAD_LICENCE, HEAD_TENSOR, TrainingSet};
 use lsdc_weights::{KNOWN, Store, how_to_install};
 use lsdc_weights::{OPSET, to_bytes, to_onnx};
 use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE};
-use lsdc_weights::{embedded, embedded_with, named, open_weights, weights_hash, weights_name};
+use lsdc_weights::{embedded, named, open_weights, weights_hash, weights_name};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -112,7 +112,7 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
     let history = history::read(notes)?;
     let contents = weights_hash(file)?;
-    let licence = embedded_with(&contents).map(|weights| weights.licence);
+    let licence = training_sets::licence_of(&contents);
     let needs_encoder = weights.network.extractor.encoder > 0;
     let trained_on = training_sets::of(&contents, &history, needs_encoder);
     if as_json {
