@@ -60,6 +60,42 @@ fn off(found: &[f64], expected: &[f64]) -> f64 {
     pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / scale
 }
 
+/// Samples of procedural rooms of a size (width, height), unaltered; each batch has all of `count` frames.
+fn room_sampler(
+    (width, height): (usize, usize),
+    supervision: SupervisionConfig,
+    count: usize,
+) -> Sampler {
+    let rooms = RoomsConfig {
+        width,
+        height,
+        ..RoomsConfig::default()
+    };
+    let rooms = Rooms::new(Split::Train, &rooms).unwrap();
+    let config = SamplerConfig {
+        protocol: Protocol::default(),
+        augment: AugmentConfig::none(),
+        views: 0,
+        supervision,
+        batch: count,
+        seed: 0,
+    };
+    Sampler::new(Arc::new(rooms), (0..count).collect::<Vec<_>>(), config).unwrap()
+}
+
+fn small_network(affinities: usize) -> NetworkConfig {
+    NetworkConfig {
+        extractor: ExtractorConfig {
+            sharpening: 1,
+            ..ExtractorConfig::slim()
+        },
+        hidden: vec![32],
+        bases: 16,
+        affinities,
+        ..NetworkConfig::sharp()
+    }
+}
+
 #[test]
 fn completion_agrees() {
     let Some(gpu) = gpu() else { return };
@@ -95,38 +131,16 @@ fn completion_agrees() {
 #[test]
 fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
     let Some(gpu) = gpu() else { return };
-    let rooms = RoomsConfig {
-        width: 64,
-        height: 48,
-        ..RoomsConfig::default()
+    let supervision = SupervisionConfig {
+        points: 200,
+        fewest: 100,
+        draws: 2,
+        patches: 4,
+        patch: 8,
+        ..SupervisionConfig::default()
     };
-    let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
-    let config = SamplerConfig {
-        protocol: Protocol::default(),
-        augment: AugmentConfig::none(),
-        views: 0,
-        supervision: SupervisionConfig {
-            points: 200,
-            fewest: 100,
-            draws: 2,
-            patches: 4,
-            patch: 8,
-            ..SupervisionConfig::default()
-        },
-        batch: 3,
-        seed: 0,
-    };
-    let sampler = Sampler::new(rooms, vec![0, 1, 2], config).unwrap();
-    let network = NetworkConfig {
-        extractor: ExtractorConfig {
-            sharpening: 1,
-            ..ExtractorConfig::slim()
-        },
-        hidden: vec![32],
-        bases: 16,
-        affinities: 0,
-        ..NetworkConfig::sharp()
-    };
+    let sampler = room_sampler((64, 48), supervision, 3);
+    let network = small_network(0);
     let fit = FitConfig {
         ridge: 1e-3,
         ..FitConfig::default()
@@ -164,38 +178,13 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
 #[test]
 fn steps_on_the_gpu_are_those_of_the_cpu() {
     let Some(gpu) = gpu() else { return };
-    let rooms = RoomsConfig {
-        width: 48,
-        height: 36,
-        ..RoomsConfig::default()
+    let supervision = SupervisionConfig {
+        points: 200,
+        fewest: 100,
+        ..SupervisionConfig::default()
     };
-    let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
-    let config = SamplerConfig {
-        protocol: Protocol::default(),
-        augment: AugmentConfig::none(),
-        views: 0,
-        supervision: SupervisionConfig {
-            points: 200,
-            fewest: 100,
-            ..SupervisionConfig::default()
-        },
-        batch: 2,
-        seed: 0,
-    };
-    let samples = Sampler::new(rooms, vec![0, 1], config)
-        .unwrap()
-        .batch(0)
-        .unwrap();
-    let network = NetworkConfig {
-        extractor: ExtractorConfig {
-            sharpening: 1,
-            ..ExtractorConfig::slim()
-        },
-        hidden: vec![32],
-        bases: 16,
-        affinities: 8,
-        ..NetworkConfig::sharp()
-    };
+    let samples = room_sampler((48, 36), supervision, 2).batch(0).unwrap();
+    let network = small_network(8);
     let fit = FitConfig {
         method: FitMethod::Joint,
         ..FitConfig::default()

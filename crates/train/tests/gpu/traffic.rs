@@ -1,35 +1,18 @@
 //! Launches and read-backs of training steps. A step on a GPU takes as long as its launches, if they are many.
 
-use super::gpu;
+use super::{gpu, room_sampler};
 use lsdc_core::fit::{FitConfig, FitMethod};
 use lsdc_core::network::NetworkConfig;
 use lsdc_core::weights::Normalisation;
-use lsdc_eval::data::{Rooms, RoomsConfig, Split};
-use lsdc_eval::sampling::Protocol;
 use lsdc_train::model::InitNetwork as _;
-use lsdc_train::sample::{AugmentConfig, Batch, Sampler, SamplerConfig, SupervisionConfig};
+use lsdc_train::sample::{Batch, SupervisionConfig};
 use lsdc_train::traffic::{Traffic, counted};
 use lsdc_train::training::{Learner, LossConfig, OptimiserKind, TrainConfig, UnreadLosses};
-use std::sync::Arc;
 
 /// Counts the second step on eight images; launches hardly depend on their size.
 fn second_step(network: &NetworkConfig, config: &TrainConfig, fit: &FitConfig) -> Option<Traffic> {
     let device = gpu()?.autodiff();
-    let rooms = RoomsConfig {
-        width: 48,
-        height: 36,
-        ..RoomsConfig::default()
-    };
-    let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
-    let sampler = SamplerConfig {
-        protocol: Protocol::default(),
-        augment: AugmentConfig::none(),
-        views: 0,
-        supervision: config.supervision,
-        batch: 8,
-        seed: 0,
-    };
-    let sampler = Sampler::new(rooms, (0..8).collect::<Vec<_>>(), sampler).unwrap();
+    let sampler = room_sampler((48, 36), config.supervision, 8);
     let samples = sampler.batch(0).unwrap();
     let batch = [Batch::new(&samples, Normalisation::default(), &device).unwrap()];
     let net = network.init(0, &device).unwrap();
