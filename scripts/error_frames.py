@@ -22,13 +22,20 @@ from scipy.ndimage import minimum_filter
 MIXED = {"rgbdd", "misc"}
 
 
-def link(image: Path, folder: Path) -> None:
-    """Links an image, and its depths if they exist."""
+def link(source: Path, folder: Path) -> None:
+    """Links a file."""
     folder.mkdir(parents=True, exist_ok=True)
-    for source in [image, image.with_name(f"{image.stem}_depth.png")]:
-        target = folder / source.name
-        if source.exists() and not target.is_symlink():
-            target.symlink_to(source.resolve())
+    target = folder / source.name
+    if not target.is_symlink():
+        target.symlink_to(source.resolve())
+
+
+def link_with_depths(image: Path, folder: Path) -> None:
+    """Links an image, and its depths if they exist."""
+    link(image, folder)
+    depths = image.with_name(f"{image.stem}_depth.png")
+    if depths.exists():
+        link(depths, folder)
 
 
 def spread(images: list[Path], count: int) -> list[Path]:
@@ -63,18 +70,19 @@ def main() -> None:
         if not folder.is_dir() or folder.name.startswith("nyu"):
             continue
         for i, image in enumerate(spread(sorted(folder.glob("*.jpg")), 9)):
-            link(image, args.output / folder.name)
+            link_with_depths(image, args.output / folder.name)
             part = i // 3 if folder.name in MIXED else ""
             scenes.append(f"{folder.name}/{image.stem},{folder.name}{part}")
     for image in sorted(args.scans.glob("*.jpg"))[:40:4]:
         name = args.scans.name
+        # Without a dense map of the scan, which would be overwritten through the link.
         link(image, args.output / name)
         with Image.open(image) as picture:
             returns = depths(image.with_name(f"{image.stem}_points.npz"), picture.size)
         returns.save(args.output / name / f"{image.stem}_depth.png")
         scenes.append(f"{name}/{image.stem},{name}-{image.stem}")
     for image in sorted((args.nyu / "train").glob("*/*.jpg"))[27::57]:
-        link(image, args.output / "nyu")
+        link_with_depths(image, args.output / "nyu")
         scenes.append(f"nyu/{image.stem},nyu-{image.parent.name}")
     (args.output / "scenes.csv").write_text("\n".join(scenes) + "\n")
     print(f"{len(scenes)} frames")
