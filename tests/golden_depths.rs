@@ -15,10 +15,11 @@ mod golden_rooms;
 
 use golden_rooms::{Result, Results, TOLERANCE, difference, grid, inputs, of_rooms, read};
 use lsdc::config::Config;
+use lsdc_core::cloud::{Viewpoint, visible};
 use lsdc_core::fit::FitConfig;
 use lsdc_core::network::{DepthHead, Encoder, EncoderConfig};
 use lsdc_core::weights::Tensor;
-use lsdc_core::{Channels, DepthAnything, Image};
+use lsdc_core::{Channels, DepthAnything, Image, Observation};
 use lsdc_eval::data::{DepthMap, Frame, Split};
 use lsdc_kernels::simd::Level;
 use lsdc_train::device::Device;
@@ -44,6 +45,7 @@ fn compute() -> Results {
     });
     let name = "depth-anything/inverse depth".to_owned();
     results.insert(name, inverse_depth(&inputs[2].frame));
+    results.insert("cloud/visible".into(), visible_returns());
     let values = trained();
     let losses = Result {
         scale: values[0],
@@ -68,6 +70,35 @@ fn inverse_depth(frame: &Frame) -> Result {
     Result {
         values: grid(&DepthMap::new(width, height, values).unwrap()),
         scale: largest,
+        tolerance: TOLERANCE,
+    }
+}
+
+/// Which returns of a scan are visible (1): an object at 8 m hides some of a wall at 30 m.
+fn visible_returns() -> Result {
+    let mut points = Vec::new();
+    let mut add = |u: i32, v: i32, depth| {
+        points.push(Observation {
+            u: u.into(),
+            v: v.into(),
+            depth,
+            sigma: None,
+        });
+    };
+    for v in (0..200).step_by(5) {
+        for u in (0..600).step_by(4) {
+            let is_object = (200..300).contains(&u) && (50..150).contains(&v);
+            add(u, v, if is_object { 8.0 } else { 30.0 });
+            if is_object && u < 213 {
+                add(u + 1, v + 2, 30.0);
+            }
+        }
+    }
+    let visible = visible(&points, (600, 200), Viewpoint::Unknown);
+    assert!(visible.contains(&false));
+    Result {
+        values: visible.iter().map(|visible| f32::from(*visible)).collect(),
+        scale: 1.0,
         tolerance: TOLERANCE,
     }
 }

@@ -1,5 +1,6 @@
 //! Known depths at some positions of an image.
 
+use crate::cloud::{Viewpoint, pixel, visible};
 use crate::map::{DepthMap, Point};
 
 /// One known depth.
@@ -57,6 +58,32 @@ impl Observations {
     /// Adds an observation.
     pub fn push(&mut self, observation: Observation) {
         self.0.push(observation);
+    }
+
+    /// Removes points that nearer ones hide in an image of `width` x `height` pixels, as in the projected scan of a scanner beside
+    /// the camera, and returns their number: points behind a surface in the same pixel and, if some points lie between two sides
+    /// of a nearer object, points next to nearer ones. Unusable points stay.
+    ///
+    /// ```
+    /// # use lsdc_core::Observations;
+    /// let mut points = Observations::new();
+    /// points.add(3.0, 2.0, 4.0);
+    /// points.add(3.2, 2.0, 9.0);
+    /// assert_eq!((points.remove_hidden(64, 48), points.len()), (1, 1));
+    /// ```
+    pub fn remove_hidden(&mut self, width: usize, height: usize) -> usize {
+        let size = (width, height);
+        let is_usable = |point: &Observation| {
+            point.depth > 0.0
+                && point.depth.is_finite()
+                && pixel([point.u, point.v], size).is_some()
+        };
+        let usable: Vec<Observation> = self.iter().copied().filter(is_usable).collect();
+        let mut visible = visible(&usable, size, Viewpoint::Unknown).into_iter();
+        let before = self.len();
+        self.0
+            .retain(|point| !is_usable(point) || visible.next().unwrap_or(true));
+        before - self.len()
     }
 
     /// The number of observations.

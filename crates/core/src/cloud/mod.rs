@@ -2,7 +2,9 @@
 
 mod flying;
 mod occlusion;
+mod parallax;
 mod surface;
+mod window;
 
 use crate::camera::Camera;
 use crate::error::Result;
@@ -10,6 +12,7 @@ use crate::image::check_size;
 use crate::observations::{Observation, Observations};
 pub use flying::flying_pixels;
 use occlusion::remove_hidden;
+use parallax::remove_beside_outlines;
 pub use surface::{fronts, is_behind};
 
 /// The points of a cloud that a camera sees, and counts of the other points.
@@ -65,7 +68,7 @@ impl Cloud {
                 _ => outside += 1,
             }
         }
-        let visible = visible(&found, (width, height), true);
+        let visible = visible(&found, (width, height), Viewpoint::Cloud);
         let hidden = visible.iter().filter(|visible| !**visible).count();
         let seen = found.into_iter().zip(visible);
         let seen = seen.filter(|(_, visible)| *visible);
@@ -87,12 +90,24 @@ pub fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize>
     Some(within(v, height)? * width + within(u, width)?)
 }
 
+/// What is known of the viewpoint of points at image positions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Viewpoint {
+    /// They were measured in this image, such as keypoints.
+    Camera,
+    /// Nothing: the points may be a projected scan.
+    #[default]
+    Unknown,
+    /// They are a projected cloud, through which the camera sees between the points.
+    Cloud,
+}
+
 /// Whether each point is visible: not occluded by nearer surfaces in the same pixel of an image of `size` (width, height) and,
-/// with `between`, not by the points of a cloud around it. The result does not depend on the order of the points.
+/// depending on the viewpoint, not by the points around it. The result does not depend on the order of the points.
 pub fn visible(
     points: &[Observation],
     (width, height): (usize, usize),
-    between: bool,
+    viewpoint: Viewpoint,
 ) -> Vec<bool> {
     let at = |point: &Observation| pixel([point.u, point.v], (width, height)).unwrap_or(0);
     let fronts = fronts(
@@ -100,9 +115,12 @@ pub fn visible(
         width * height,
     );
     let mut open: Vec<f32> = Vec::new();
-    if between {
+    if viewpoint != Viewpoint::Camera {
         let nearest = |front: &f32| if front.is_finite() { *front } else { 0.0 };
         open = fronts.iter().map(nearest).collect();
+        remove_beside_outlines(width, &mut open);
+    }
+    if viewpoint == Viewpoint::Cloud {
         remove_hidden(width, &mut open);
     }
     let is_visible = |point: &Observation| {

@@ -1,6 +1,7 @@
 //! Removal of occluded points that are visible through gaps between the nearer points of a closed surface.
 
 use super::surface::NEARER;
+use super::window::{Offset, Window};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -27,10 +28,10 @@ const BOUNDS: (f64, f64) = (1.5, 12.0);
 /// Pintus, Gobbetti and Agus 2011, "Real-time rendering of massive unstructured raw point clouds using
 /// screen-space operators"), unless they lie on a slope with it.
 pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
-    let window = Neighbourhood::new(reach(width, depths));
+    let window = Window::new([reach(width, depths); 2]);
     let visible: &[f32] = depths;
     let found = (0..depths.len()).into_par_iter().filter_map(|i| {
-        let enclosed = window.enclosed(visible, width, i);
+        let enclosed = enclosed(&window, visible, width, i);
         enclosed.map(|surrounded| (i, surrounded))
     });
     let mut hidden: Vec<(usize, bool)> = found.collect();
@@ -62,17 +63,6 @@ fn reach(width: usize, depths: &[f32]) -> f64 {
     (REACH * distance).clamp(BOUNDS.0, BOUNDS.1)
 }
 
-/// The pixels around a pixel.
-struct Neighbourhood(Vec<Offset>);
-
-/// The offset of a pixel from another.
-struct Offset {
-    right: isize,
-    down: isize,
-    distance: f64,
-    direction: f64,
-}
-
 /// A point in the window.
 struct Other<'a> {
     place: &'a Offset,
@@ -81,66 +71,42 @@ struct Other<'a> {
     slope: f64,
 }
 
-impl Neighbourhood {
-    fn new(reach: f64) -> Self {
-        let most = reach as isize;
-        let row = |down: isize| (-most..=most).map(move |right| (right, down));
-        let places = (-most..=most).flat_map(row).map(|(right, down)| Offset {
-            right,
-            down,
-            distance: (right as f64).hypot(down as f64),
-            direction: (down as f64).atan2(right as f64),
-        });
-        let inside = |place: &Offset| place.distance > 0.0 && place.distance <= reach;
-        Self(places.filter(inside).collect())
+/// Whether nearer points surround a point; `None` if it is neither between them nor next to their outline.
+fn enclosed(window: &Window, depths: &[f32], width: usize, pixel: usize) -> Option<bool> {
+    /// Tolerance around the middle of the widest opening.
+    const AHEAD: f64 = TAU / 6.0;
+    let depth = depths[pixel];
+    if depth <= 0.0 {
+        return None;
     }
-
-    /// Whether nearer points surround a point; `None` if it is neither between them nor next to their outline.
-    fn enclosed(&self, depths: &[f32], width: usize, pixel: usize) -> Option<bool> {
-        /// Tolerance around the middle of the widest opening.
-        const AHEAD: f64 = TAU / 6.0;
-        let depth = depths[pixel];
-        if depth <= 0.0 {
-            return None;
+    let (mut nearer, mut farther, mut beyond) = (Vec::new(), Vec::new(), Vec::new());
+    for (place, other) in window.points(depths, width, pixel) {
+        let rise = f64::from(other).recip() - f64::from(depth).recip();
+        let slope = rise / place.distance;
+        if other < depth * (1.0 - NEARER) {
+            nearer.push(Other { place, slope });
+            continue;
         }
-        let (x, y) = ((pixel % width) as isize, (pixel / width) as isize);
-        let (mut nearer, mut farther, mut beyond) = (Vec::new(), Vec::new(), Vec::new());
-        for place in &self.0 {
-            let (column, row) = (x + place.right, y + place.down);
-            if !(0..width as isize).contains(&column) || row < 0 {
-                continue;
-            }
-            let other = depths.get(row as usize * width + column as usize);
-            let Some(&other) = other.filter(|other| **other > 0.0) else {
-                continue;
-            };
-            let rise = f64::from(other).recip() - f64::from(depth).recip();
-            let slope = rise / place.distance;
-            if other < depth * (1.0 - NEARER) {
-                nearer.push(Other { place, slope });
-                continue;
-            }
-            beyond.push(place.direction);
-            if other > depth {
-                farther.push(Other { place, slope });
-            }
+        beyond.push(place.direction);
+        if other > depth {
+            farther.push(Other { place, slope });
         }
-        nearer.retain(|near| !farther.iter().any(|far| near.continues(far)));
-        let mut directions: Vec<f64> = nearer.iter().map(|near| near.place.direction).collect();
-        directions.sort_by(f64::total_cmp);
-        let (&first, &last) = (directions.first()?, directions.last()?);
-        let gaps = directions.array_windows().map(|&[a, b]| (b - a, a));
-        let (open, from) = gaps.fold((first + TAU - last, last), |widest, gap| {
-            if gap.0 > widest.0 { gap } else { widest }
-        });
-        let is_ahead = |direction: &f64| turn(*direction, from + 0.5 * open) < AHEAD;
-        let most = if beyond.iter().any(is_ahead) {
-            OPEN
-        } else {
-            OPEN_TO_NOTHING
-        };
-        (directions.len() >= FEWEST && open < most).then_some(open < SURROUNDED)
     }
+    nearer.retain(|near| !farther.iter().any(|far| near.continues(far)));
+    let mut directions: Vec<f64> = nearer.iter().map(|near| near.place.direction).collect();
+    directions.sort_by(f64::total_cmp);
+    let (&first, &last) = (directions.first()?, directions.last()?);
+    let gaps = directions.array_windows().map(|&[a, b]| (b - a, a));
+    let (open, from) = gaps.fold((first + TAU - last, last), |widest, gap| {
+        if gap.0 > widest.0 { gap } else { widest }
+    });
+    let is_ahead = |direction: &f64| turn(*direction, from + 0.5 * open) < AHEAD;
+    let most = if beyond.iter().any(is_ahead) {
+        OPEN
+    } else {
+        OPEN_TO_NOTHING
+    };
+    (directions.len() >= FEWEST && open < most).then_some(open < SURROUNDED)
 }
 
 impl Other<'_> {

@@ -138,7 +138,7 @@ impl<'a> PreparedFrame<'a> {
                 Ok((complete_classic(*method, &frame.rgb, sparse)?, None))
             }
             (Candidate::Method(Method::Lsdc), Some((_, scene))) => {
-                let completion = scene.complete(&Observations::from_map(sparse))?;
+                let completion = scene.complete(&given(sparse))?;
                 let predicted_errors = self.uncertainty.then(|| {
                     Ok::<_, Error>(PredictedErrors {
                         deviations: completion.standard_deviation()?,
@@ -155,8 +155,7 @@ impl<'a> PreparedFrame<'a> {
                         (Method::System(system), _) => Err(missing_weights(system.name())),
                         (Method::Lsdc, None) => Err(missing_network()),
                         (Method::Lsdc, Some((completer, _))) => {
-                            let points = Observations::from_map(sparse);
-                            let completion = scene(completer, rgb)?.complete(&points)?;
+                            let completion = scene(completer, rgb)?.complete(&given(sparse))?;
                             Ok(match by {
                                 Enlargement::Bases => completion
                                     .depth_at(frame.depth.width(), frame.depth.height())?,
@@ -184,6 +183,13 @@ impl<'a> PreparedFrame<'a> {
             }
         }
     }
+}
+
+/// Returns the points of a map as `lsdc complete` reads them, without hidden ones.
+fn given(sparse: &DepthMap) -> Observations {
+    let mut points = Observations::from_map(sparse);
+    points.remove_hidden(sparse.width(), sparse.height());
+    points
 }
 
 /// Returns the error for a system whose weights are missing.

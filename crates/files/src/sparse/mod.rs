@@ -106,7 +106,7 @@ impl Sparse {
                 .hint("give the images that the model was made of, neither cut nor undistorted"));
         }
         let unit = unit.unwrap_or(Unit::MODEL);
-        let mut points = SparseBuilder::new(image.upright());
+        let mut points = SparseBuilder::new(image.upright()).of_camera();
         for (number, point) in view.keypoints().iter().enumerate() {
             let position = in_image([point.u, point.v], view.size, &image, !as_stored);
             let depth = point.depth * unit.metres();
@@ -171,7 +171,7 @@ impl Sparse {
         } else {
             image.stored()
         };
-        let mut points = SparseBuilder::with_capacity(self.size, self.points.len());
+        let mut points = SparseBuilder::with_capacity(self.size, self.points.len()).of_camera();
         for (number, point) in self.points.iter().enumerate() {
             let mut position = [point.u, point.v];
             if !upright {

@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::grid::pixel;
 use crate::{Camera, Unit};
 use lsdc_core::Observation;
-use lsdc_core::cloud::visible;
+use lsdc_core::cloud::{Viewpoint, visible};
 use std::path::Path;
 
 /// Collects the points of an image, and counts the points that are left out.
@@ -21,8 +21,7 @@ pub(super) struct SparseBuilder {
     /// Number of points whose standard deviation is unknown, because it is not positive and finite, and the first of them.
     unknown_sigmas: usize,
     first_unknown: usize,
-    /// Whether the points are a cloud, through which the camera sees between the points.
-    is_cloud: bool,
+    viewpoint: Viewpoint,
 }
 
 impl SparseBuilder {
@@ -40,6 +39,12 @@ impl SparseBuilder {
             found: Vec::with_capacity(count),
             ..Self::new(size)
         }
+    }
+
+    /// Marks the points as measured in the image, or as already filtered.
+    pub(super) fn of_camera(mut self) -> Self {
+        self.viewpoint = Viewpoint::Camera;
+        self
     }
 
     /// Adds the point with an index in the file: its position (u, v), depth and standard deviation in metres.
@@ -87,7 +92,7 @@ impl SparseBuilder {
         sigma: Option<f64>,
     ) {
         let number = self.all;
-        self.is_cloud = true;
+        self.viewpoint = Viewpoint::Cloud;
         if point.iter().any(|v| !v.is_finite()) {
             self.all += 1;
             self.ignored += 1;
@@ -103,7 +108,7 @@ impl SparseBuilder {
 
     /// Returns the points without hidden ones; `row` is the word for a point of the file in messages.
     pub(super) fn build(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
-        let visible = visible(&self.found, self.size, self.is_cloud);
+        let visible = visible(&self.found, self.size, self.viewpoint);
         let hidden = visible.iter().filter(|visible| !**visible).count();
         let identified = !self.ids.is_empty() && self.ids.len() == self.found.len();
         retain(&mut self.found, &visible);
