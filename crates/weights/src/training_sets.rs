@@ -73,7 +73,7 @@ pub const HEAD_LICENCE: &str = "MIT OR Apache-2.0";
 pub const WITHOUT_NC: &str = "anything-without-nc";
 
 /// Contents of [`WITHOUT_NC`], a [`weights_hash`](crate::weights_hash).
-const WITHOUT_NC_CONTENTS: &str = "1953aca25b4117dd";
+const WITHOUT_NC_CONTENTS: &str = "fb7ecbfafcfd678d";
 
 /// Name of the pretrained encoder that weights may need ([`encoder_of`](crate::encoder_of)).
 const ENCODER: &str = "encoder";
