@@ -21,6 +21,7 @@ from ._many import Completed
 from ._native import __version__
 from ._scene import Scene
 from ._settings import FitSettings, JointSettings, RobustSettings
+from ._sparse import remove_hidden
 from ._views import PosedView, neighbours
 from ._views_report import ViewsReport
 from ._warnings import FileWarning, InputWarning
@@ -57,4 +58,5 @@ __all__ = [
     "neighbours",
     "read_depth",
     "read_points",
+    "remove_hidden",
 ]

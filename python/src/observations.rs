@@ -80,6 +80,14 @@ impl Observations {
         })
     }
 
+    /// Returns the observations that nearer ones do not hide in an image of this width and height, and the number of others.
+    fn without_hidden(&self, size: (usize, usize)) -> (Self, usize) {
+        let mut all = self.all.clone();
+        let hidden = all.remove_hidden(size.0, size.1);
+        let ignored = self.ignored;
+        (Self { all, ignored }, hidden)
+    }
+
     /// Returns rows u, v, depth.
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rows = self.all.iter();

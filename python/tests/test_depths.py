@@ -284,3 +284,21 @@ def test_noise_of_a_depth_camera(scene, sparse, tmp_path):
     np.save(tmp_path / "sparse.npy", sparse)
     with pytest.raises(lsdc.InputError, match="may be a guess"):
         scene.complete(tmp_path / "sparse.npy", noise="tof")
+
+
+def test_background_between_the_returns_of_an_object_is_hidden():
+    scan = np.zeros((200, 600), np.float32)
+    scan[::5, ::4] = 30
+    scan[50:150:5, 200:300:4] = 8
+    seen, hidden = lsdc.remove_hidden(scan)
+    assert hidden == 0
+    assert_array_equal(seen, scan)
+    # A scanner to the left of the camera sees the wall past the object.
+    occluded = np.zeros(scan.shape, bool)
+    occluded[52:152:5, 201:213:4] = True
+    seen, hidden = lsdc.remove_hidden(np.where(occluded, 30, scan) * 1000, unit="mm")
+    assert not seen[occluded].any()
+    assert_array_equal(seen[scan == 8], 8)
+    assert occluded.sum() <= hidden < 0.1 * np.count_nonzero(scan)
+    with pytest.raises(lsdc.InputError, match=r"shape \(2, 2, 2\)"):
+        lsdc.remove_hidden(np.ones((2, 2, 2)))
