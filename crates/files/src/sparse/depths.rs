@@ -23,7 +23,7 @@ pub struct Sparse {
     pub ignored: usize,
     /// Number of points outside the image.
     pub outside: usize,
-    /// Number of points behind a nearer surface in the same pixel, and of cloud points surrounded by nearer ones.
+    /// Number of points that nearer ones hide: in the same pixel, around points of clouds, and beside points of scans.
     pub hidden: usize,
     /// Assumptions and omissions that should be checked, a sentence each.
     pub remarks: Vec<String>,
