@@ -19,6 +19,14 @@ fn the_error_to_expect_comes_first_in_plain_words() {
     for word in ["rank", "a guess", "outliers"] {
         assert!(!said.contains(word), "{said}");
     }
+    let readme = include_str!("../../README.md");
+    for word in ["    error ", "    depth "] {
+        let line = readme.lines().find(|line| line.starts_with(word)).unwrap();
+        assert!(
+            said.contains(line.trim_start()),
+            "{line} of the README: {said}"
+        );
+    }
     let written = "written   rgb_depth.npy, rgb_depth.png, rgb_depth_color.png in out";
     assert_eq!(said.lines().last(), Some(written));
     // With one point, the error between points is unknown; counts are 1.

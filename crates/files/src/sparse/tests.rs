@@ -390,3 +390,39 @@ fn maps_and_deviations_are_turned_with_the_image() {
         }
     }
 }
+
+#[test]
+fn background_between_the_returns_of_an_object_is_hidden() {
+    const SCAN: (usize, usize) = (600, 200);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scan.npy");
+    let mut depths = vec![0.0; SCAN.0 * SCAN.1];
+    let mut between = Vec::new();
+    for v in (0..SCAN.1).step_by(5) {
+        for u in (0..SCAN.0).step_by(4) {
+            let is_object = (200..300).contains(&u) && (50..150).contains(&v);
+            depths[v * SCAN.0 + u] = if is_object { 8.0 } else { 30.0 };
+            if is_object && u < 213 {
+                between.push((u + 1, v + 2));
+            }
+        }
+    }
+    let read = |depths: &[f32]| {
+        write_npy(
+            &path,
+            &DepthMap::new(SCAN.0, SCAN.1, depths.to_vec()).unwrap(),
+        )
+        .unwrap();
+        Sparse::read(&path, None, None, SCAN).unwrap()
+    };
+    assert_eq!(read(&depths).hidden, 0);
+    for &(u, v) in &between {
+        depths[v * SCAN.0 + u] = 30.0;
+    }
+    let found = read(&depths);
+    let map = found.map().unwrap();
+    assert!(between.iter().all(|&(u, v)| map.at(u, v) == 0.0));
+    assert!((between.len()..2 * between.len() + 200).contains(&found.hidden));
+    let objects = |values: &[f32]| values.iter().filter(|depth| **depth == 8.0).count();
+    assert_eq!(objects(map.values()), objects(&depths));
+}
