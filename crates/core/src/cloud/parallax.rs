@@ -18,19 +18,22 @@ const USUAL: f64 = 0.75;
 const SAMPLES: usize = 3000;
 /// Largest difference between the two sides of an object, as a share of its difference from the point between them.
 const SAME: f64 = 0.3;
-/// Least share and number of points between two sides of a nearer object, as evidence of a scanner beside the camera, and largest
-/// share of the pixels with points. In scans of 64 rings on cars, at 4 % of the pixels, the first is 0.35 % and more; in depths
-/// of the camera's own viewpoint it grows with their density, to 0.17 % at 6.5 %.
-const SHARE: f64 = 0.002;
+/// Evidence of a scanner beside the camera: least number of points between two sides of a nearer object, least share of the points,
+/// and the same relative to the share of pixels with points. In scans of 64 rings on cars, at 4 % of the pixels, 0.35 % and more
+/// of the points are between two sides; in depths of the camera's own viewpoint at most 0.11 %, and 0.36 % at 11 % of the pixels.
 const FEWEST: usize = 8;
-const DENSEST: f64 = 0.06;
+const SHARE: f64 = 0.002;
+const OF_DENSITY: f64 = 0.04;
+/// Largest share of the pixels with points: no scanner is as dense as a depth camera.
+const DENSEST: f64 = 0.2;
 
 /// Removes points next to nearer ones if some are between the sides of an object, as only a scanner beside the camera sees them.
 /// Returns their number.
 pub(super) fn remove_beside_outlines(width: usize, depths: &mut [f32]) -> usize {
     let map: &[f32] = depths;
     let points: Vec<usize> = (0..map.len()).filter(|&pixel| map[pixel] > 0.0).collect();
-    if points.len() < FEWEST || points.len() as f64 > DENSEST * map.len() as f64 {
+    let density = points.len() as f64 / map.len() as f64;
+    if points.len() < FEWEST || density > DENSEST {
         return 0;
     }
     let steepest = STEEPER * usual_slope(width, map, &points);
@@ -41,7 +44,8 @@ pub(super) fn remove_beside_outlines(width: usize, depths: &mut [f32]) -> usize 
     };
     let found: Vec<(usize, bool)> = points.par_iter().filter_map(beside).collect();
     let between = found.iter().filter(|(_, is_between)| *is_between).count();
-    if between < FEWEST || (between as f64) < SHARE * points.len() as f64 {
+    let least = SHARE.max(OF_DENSITY * density) * points.len() as f64;
+    if between < FEWEST || (between as f64) < least {
         return 0;
     }
     for &(pixel, _) in &found {
