@@ -298,3 +298,29 @@ fn check(prediction: &DepthMap, frame: &Frame, folder: &Path) -> Result<()> {
     ))
     .hint("predictions belong to the frame after resizing and cropping: `lsdc export` writes it"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_between_the_returns_of_an_object_are_not_given() {
+        let mut depths = vec![0.0; 600 * 200];
+        for v in (0..200).step_by(5) {
+            for u in (0..600).step_by(4) {
+                let is_object = (200..300).contains(&u) && (50..150).contains(&v);
+                depths[v * 600 + u] = if is_object { 8.0 } else { 30.0 };
+                if is_object && u < 213 {
+                    depths[(v + 2) * 600 + u + 1] = 30.0;
+                }
+            }
+        }
+        let given = given(&DepthMap::new(600, 200, depths).unwrap());
+        assert!(given.len() > 5000);
+        assert!(
+            given
+                .iter()
+                .all(|point| (point.v as usize).is_multiple_of(5))
+        );
+    }
+}
